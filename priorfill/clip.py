@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from numbers import Integral, Real
 from pathlib import Path
 from typing import Any
@@ -15,7 +15,6 @@ from numpy.typing import ArrayLike, NDArray
 from priorfill.errors import ArgumentTypeError, ClipError, MarkerNotFoundError, escaped
 from priorfill.geometry.axes import UP_AXES
 from priorfill.runtime.argument_types import check_labels, check_type
-from priorfill.runtime.data_class import dataclass
 from priorfill.runtime.markup import html_table
 from priorfill.runtime.option_texts import close_or_all
 from priorfill.runtime.threads import by_frames

@@ -8,6 +8,7 @@ which at least one marker is missing; the missing markers may change from frame 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -15,7 +16,6 @@ from numpy.typing import NDArray
 
 from priorfill.errors import OptionError
 from priorfill.runtime.argument_types import check_type
-from priorfill.runtime.data_class import dataclass
 
 __all__ = ["Gap", "GapGroup", "constant_spans", "find_gaps", "gap_groups", "runs"]
 

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-
-from priorfill.runtime.data_class import dataclass
+from dataclasses import dataclass
 
 __all__ = ["JUMP", "KINDS", "LABEL_SWAP", "MISLABELLED", "SPIKE", "STUCK", "Artefact"]
 

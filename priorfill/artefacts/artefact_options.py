@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import field
+from dataclasses import dataclass, field
 
 from priorfill.artefacts.discontinuities import BreakOptions
 from priorfill.artefacts.distance_outliers import DistanceOutlierOptions
@@ -11,7 +11,6 @@ from priorfill.artefacts.label_swaps import MAX_MISS_RATIO
 from priorfill.artefacts.marker_path import OutlierRunOptions
 from priorfill.artefacts.reference_markers import ReferenceMarkerOptions
 from priorfill.artefacts.stuck import StuckOptions
-from priorfill.runtime.data_class import dataclass
 
 __all__ = ["DEFAULT_ARTEFACT_OPTIONS", "ArtefactOptions"]
 

@@ -12,12 +12,13 @@ is subtracted.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.artefacts.reference_markers import ReferenceMarkers
 from priorfill.geometry.distances import norms
-from priorfill.runtime.data_class import dataclass
 from priorfill.runtime.option_checks import check_at_least, check_between
 from priorfill.runtime.threads import map_in_threads
 

@@ -6,12 +6,13 @@ and back.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.artefacts.marker_path import known_quantiles
 from priorfill.artefacts.reference_markers import ReferenceMarkers, distances, sample_poses
-from priorfill.runtime.data_class import dataclass
 from priorfill.runtime.option_checks import check_at_least, check_between
 from priorfill.runtime.threads import map_in_threads
 

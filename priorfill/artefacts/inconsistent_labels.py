@@ -7,6 +7,8 @@ more of them are asked, and the marker that contradicts most of the others is ta
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,7 +20,6 @@ from priorfill.artefacts.reference_markers import (
     distances,
 )
 from priorfill.gaps import runs
-from priorfill.runtime.data_class import dataclass
 from priorfill.runtime.option_checks import check_at_least, check_between
 
 __all__ = ["InconsistentLabelOptions", "InconsistentRun", "find_inconsistent_labels", "thin_frames"]

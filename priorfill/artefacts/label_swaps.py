@@ -8,6 +8,7 @@ reference markers.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -16,7 +17,6 @@ from numpy.typing import NDArray
 from priorfill.artefacts.marker_path import known_medians
 from priorfill.artefacts.reference_markers import ReferenceMarkers, distances
 from priorfill.gaps import runs
-from priorfill.runtime.data_class import dataclass
 
 __all__ = ["MAX_MISS_RATIO", "LabelSwap", "find_label_swaps", "swap_labels"]
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 
@@ -11,7 +12,6 @@ from numpy.typing import NDArray
 from priorfill.artefacts.reference_markers import distances
 from priorfill.gaps import runs
 from priorfill.geometry.distances import norms
-from priorfill.runtime.data_class import dataclass
 from priorfill.runtime.option_checks import check_at_least
 
 __all__ = [

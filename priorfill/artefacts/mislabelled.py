@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.artefacts.label_swaps import MAX_MISS_RATIO
 from priorfill.artefacts.marker_path import known_medians, thinned_frames
 from priorfill.artefacts.reference_markers import ReferenceMarkers, distances
-from priorfill.runtime.data_class import dataclass
 
 __all__ = ["MislabelledRun", "find_mislabelled"]
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +28,6 @@ from priorfill.artefacts.marker_path import (
 )
 from priorfill.artefacts.spikes import find_spikes
 from priorfill.gaps import runs
-from priorfill.runtime.data_class import dataclass
 
 __all__ = ["OutlierRun", "is_wrong_side", "outlier_runs"]
 

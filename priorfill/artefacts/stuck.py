@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.artefacts.reference_markers import ReferenceMarkers, distances
 from priorfill.gaps import runs
-from priorfill.runtime.data_class import dataclass
 from priorfill.runtime.option_checks import check_at_least
 from priorfill.runtime.threads import by_frames
 

@@ -19,6 +19,8 @@ line search.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -32,7 +34,6 @@ from priorfill.constraints.distance_terms import (
     normal_equations,
 )
 from priorfill.geometry.distances import norms
-from priorfill.runtime.data_class import dataclass
 from priorfill.runtime.option_checks import check_at_least
 from priorfill.signal.running import running_maximum, symmetric_filter
 

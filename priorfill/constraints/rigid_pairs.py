@@ -10,11 +10,12 @@ solved by itself, by the least squares of `priorfill.constraints.segment_lengths
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.constraints.segment_lengths import LengthEdges, SegmentLengthOptions, hold_lengths
-from priorfill.runtime.data_class import dataclass
 from priorfill.runtime.option_checks import check_at_least
 
 __all__ = ["RigidPairOptions", "hold_rigid_pairs", "rigid_marker_groups"]

@@ -14,7 +14,7 @@ Gauss-Newton steps, halved where a full step would increase the sum.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +27,6 @@ from priorfill.constraints.distance_terms import (
     gauss_newton_step,
     normal_equations,
 )
-from priorfill.runtime.data_class import dataclass
 from priorfill.runtime.option_checks import check_at_least
 
 __all__ = ["LengthEdges", "SegmentLengthOptions", "choose_length_edges", "hold_lengths"]

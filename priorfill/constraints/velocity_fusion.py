@@ -18,11 +18,12 @@ fixed, small error. Only the ratios of the errors matter, so they need not be ca
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.gp.velocities import VelocityPrediction
-from priorfill.runtime.data_class import dataclass
 from priorfill.runtime.lapack import solve_positive_banded
 from priorfill.runtime.option_checks import check_at_least
 

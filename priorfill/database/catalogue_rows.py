@@ -6,6 +6,7 @@ import json
 import sqlite3
 import zlib
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,6 @@ from numpy.typing import NDArray
 from priorfill.database.manifest import FORMAT_VERSION
 from priorfill.database.record import ClipRecord
 from priorfill.database.record_checks import is_possible
-from priorfill.runtime.data_class import dataclass
 
 __all__ = [
     "LIVE",

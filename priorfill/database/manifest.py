@@ -6,12 +6,12 @@ import json
 import math
 import re
 import secrets
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from priorfill.errors import DatabaseError, DatabaseFormatError, DatabaseNotFoundError
 from priorfill.runtime.atomic_file import finish_file
-from priorfill.runtime.data_class import dataclass
 from priorfill.runtime.display import shell_command
 from priorfill.runtime.held_files import is_held, retry_while_held
 

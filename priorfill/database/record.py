@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
-
-from priorfill.runtime.data_class import dataclass
 
 __all__ = ["AcceptResult", "ClipOrigin", "ClipRecord", "DatabaseInfo", "MergeResult"]
 

@@ -11,10 +11,8 @@ import json
 import re
 import zlib
 from collections.abc import Mapping
-from dataclasses import field
+from dataclasses import dataclass, field
 from typing import Any
-
-from priorfill.runtime.data_class import dataclass
 
 __all__ = ["Segment", "SegmentList", "Unused"]
 

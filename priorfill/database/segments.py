@@ -11,7 +11,7 @@ import secrets
 import threading
 import zlib
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import BinaryIO, cast
 
@@ -19,7 +19,6 @@ import numpy as np
 
 from priorfill.database.segment_list import Segment, SegmentList, Unused
 from priorfill.errors import DatabaseCorruptError, DatabaseError
-from priorfill.runtime.data_class import dataclass
 from priorfill.runtime.disk_flush import flush_file, flush_folder
 from priorfill.runtime.held_files import is_held, retry_while_held
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 from fnmatch import fnmatchcase
 
 from priorfill.database.record import ClipRecord
-from priorfill.runtime.data_class import dataclass
 from priorfill.runtime.option_checks import check_not_text
 
 __all__ = ["Selection"]

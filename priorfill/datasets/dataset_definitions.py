@@ -6,6 +6,7 @@ Each has a definition in ``database/datasets``; the README there describes the f
 from __future__ import annotations
 
 import re
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -13,7 +14,6 @@ from urllib.parse import urlsplit
 
 from priorfill.datasets.local_names import leads_out, local_path, same_name
 from priorfill.errors import DatasetDefinitionError, OptionError
-from priorfill.runtime.data_class import dataclass
 from priorfill.runtime.option_texts import close_or_all
 from priorfill.runtime.resources import resource_path
 from priorfill.runtime.toml_file import read_toml

@@ -15,7 +15,7 @@ import shutil
 import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from email.utils import parsedate_to_datetime
 from importlib.metadata import version
 from pathlib import Path
@@ -29,7 +29,6 @@ import urllib3.exceptions
 from priorfill.datasets.retry_policy import FileFetchError, RetryPolicy
 from priorfill.errors import FetchError
 from priorfill.runtime.atomic_file import finish_file
-from priorfill.runtime.data_class import dataclass
 from priorfill.runtime.disk_flush import flush_folder
 from priorfill.runtime.held_files import is_held, retry_while_held
 

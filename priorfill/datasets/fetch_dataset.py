@@ -6,7 +6,7 @@ import json
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import asdict, field
+from dataclasses import asdict, dataclass, field
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,7 +17,6 @@ from priorfill.datasets.retry_policy import FileFetchError, RetryPolicy
 from priorfill.datasets.unpack import unpack
 from priorfill.errors import FetchError, OptionError
 from priorfill.runtime.atomic_file import replace_file
-from priorfill.runtime.data_class import dataclass
 from priorfill.runtime.file_lock import LockHeldError, acquire_lock
 
 if TYPE_CHECKING:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 from priorfill.errors import FetchError
-from priorfill.runtime.data_class import dataclass
 
 __all__ = ["FileFetchError", "RetryPolicy"]
 

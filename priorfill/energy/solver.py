@@ -6,6 +6,8 @@ gap use the measured samples there, which joins the fill to the measured signal 
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,7 +19,6 @@ from priorfill.energy.terms import (
     marker_energies,
 )
 from priorfill.errors import OptionError
-from priorfill.runtime.data_class import dataclass
 from priorfill.runtime.lapack import solve_positive_banded
 
 __all__ = ["DescentOptions", "Solution", "minimise", "solve_exactly"]

@@ -9,13 +9,12 @@ Velocities and accelerations are displacements per frame step (mm): ν Δt and �
 
 from __future__ import annotations
 
-from dataclasses import fields
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.geometry.root_frames import RootFrames
-from priorfill.runtime.data_class import dataclass
 
 __all__ = ["Prior", "fold", "to_world"]
 

@@ -21,11 +21,12 @@ References
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.energy.targets import Prior
-from priorfill.runtime.data_class import dataclass
 
 __all__ = ["BandedSystem", "banded_system", "energy", "gradient", "marker_energies"]
 

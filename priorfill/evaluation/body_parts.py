@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from priorfill.clip import Clip
 from priorfill.geometry.distances import pair_distances
 from priorfill.markers.describe import describe
 from priorfill.markers.marker_set import MarkerSet
-from priorfill.runtime.data_class import dataclass
 
 __all__ = ["FEET", "LIMBS", "MIN_LIMB_MARKERS", "SIDES", "BodyParts", "parts_of"]
 

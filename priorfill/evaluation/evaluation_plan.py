@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -33,7 +33,6 @@ from priorfill.markers.describe import describe
 from priorfill.markers.marker_set import MarkerSet
 from priorfill.methods import METHODS, resolve
 from priorfill.runtime.argument_types import check_type
-from priorfill.runtime.data_class import dataclass
 from priorfill.runtime.option_texts import close_or_all
 
 __all__ = [

@@ -6,7 +6,7 @@ import csv
 import json
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -22,7 +22,6 @@ from priorfill.evaluation.summary_tables import (
     MethodRow,
 )
 from priorfill.runtime.atomic_file import replace_file
-from priorfill.runtime.data_class import dataclass
 from priorfill.runtime.display import csv_cell
 
 __all__ = ["FILES", "Evaluation", "write_results"]

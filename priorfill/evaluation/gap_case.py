@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Sequence
-from dataclasses import field
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -24,7 +24,6 @@ from priorfill.filling.result import FilledGap, Result
 from priorfill.gaps import Gap
 from priorfill.markers.describe import describe
 from priorfill.markers.marker_set import MarkerSet
-from priorfill.runtime.data_class import dataclass
 
 __all__ = ["EvaluatedClip", "FillOutcome", "GapCase", "GapSource", "run_case"]
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.gaps import Gap
 from priorfill.gp.calibration import MEAN_FACTOR
-from priorfill.runtime.data_class import dataclass
 
 __all__ = [
     "MEASURES",

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, fields, replace
+from dataclasses import asdict, dataclass, fields, replace
 from typing import Any, Protocol, cast
 
 import numpy as np
@@ -36,7 +36,6 @@ from priorfill.evaluation.gap_generator import (
 )
 from priorfill.filling.gap_filter import matching_markers
 from priorfill.gaps import find_gaps
-from priorfill.runtime.data_class import dataclass
 from priorfill.runtime.option_texts import close_or_all, seconds_of
 
 __all__ = [

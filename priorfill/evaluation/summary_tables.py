@@ -8,6 +8,7 @@ out.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -22,7 +23,6 @@ from priorfill.evaluation.metrics import (
     summarise,
 )
 from priorfill.gaps import Gap
-from priorfill.runtime.data_class import dataclass
 
 __all__ = [
     "LENGTHS",

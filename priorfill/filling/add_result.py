@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,6 @@ from priorfill.errors import DuplicateClipError, OutputError
 from priorfill.filling.result import Result
 from priorfill.formats import format_of, read
 from priorfill.runtime.argument_types import check_path, check_result
-from priorfill.runtime.data_class import dataclass
 
 __all__ = ["AddedClip", "add_result", "can_create_database"]
 

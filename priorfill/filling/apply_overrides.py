@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,6 @@ from priorfill.filling.result import FilledGap, Result
 from priorfill.filling.run_settings import RunSettings
 from priorfill.gaps import Gap, GapGroup, find_gaps, runs
 from priorfill.markers.phantoms import Phantom
-from priorfill.runtime.data_class import dataclass
 
 __all__ = ["MethodRun", "join_runs", "plan_runs"]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from bisect import bisect_left, bisect_right
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -18,7 +18,6 @@ from priorfill.gaps import Gap, find_gaps, runs
 from priorfill.geometry.axes import from_upright
 from priorfill.gp.calibration import BOUND_FACTOR, MEAN_FACTOR, common_bound
 from priorfill.methods.task import Estimate, Note
-from priorfill.runtime.data_class import dataclass
 from priorfill.runtime.threads import by_frames
 
 __all__ = ["FilledSamples", "expected_errors", "filled_samples", "restore_rejected", "sum_up_gaps"]

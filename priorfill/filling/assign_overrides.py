@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,6 @@ from priorfill.errors import OptionError
 from priorfill.filling.gap_filter import matching_markers
 from priorfill.filling.overrides import LEAVE, MISSING, SWAP, GapOverride, Overrides
 from priorfill.gaps import runs
-from priorfill.runtime.data_class import dataclass
 
 __all__ = ["AppliedOverrides", "apply_overrides", "frames_of"]
 

@@ -8,7 +8,7 @@ left missing if it fails again.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +22,6 @@ from priorfill.geometry.axes import to_upright
 from priorfill.gp.calibration import BOUND_FACTOR, MEAN_FACTOR
 from priorfill.methods.task import Estimate, Note, Task
 from priorfill.methods.task_parts import wanted_samples
-from priorfill.runtime.data_class import dataclass
 from priorfill.runtime.free_memory import release_free_memory
 from priorfill.runtime.threads import by_frames
 from priorfill.search.takes import Take

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypedDict, Unpack, cast
 
@@ -24,7 +25,6 @@ from priorfill.formats.units import UNITS, find_unit
 from priorfill.formats.up_axis import find_up_axis
 from priorfill.gp.calibration import MEAN_FACTOR
 from priorfill.runtime.argument_types import check_number, check_type
-from priorfill.runtime.data_class import dataclass
 
 __all__ = ["ArrayAxes", "ArrayKeywords", "FilledArray", "fill_array", "find_axes"]
 

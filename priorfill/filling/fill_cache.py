@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any, TypeVar
 
 import numpy as np
@@ -12,7 +13,6 @@ from numpy.typing import NDArray
 
 from priorfill.clip import Clip
 from priorfill.methods.task import Estimate
-from priorfill.runtime.data_class import dataclass
 
 __all__ = ["FillCache", "RunEstimate", "digest_of", "recalled"]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import accumulate
 from pathlib import Path
@@ -60,7 +60,6 @@ from priorfill.methods import METHODS, get_method, get_options, resolve
 from priorfill.methods.options import differing
 from priorfill.methods.task import Estimate, Progress, Task
 from priorfill.runtime.argument_types import check_type
-from priorfill.runtime.data_class import dataclass
 from priorfill.runtime.option_texts import seconds_of
 from priorfill.search.takes import Take
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from contextlib import ExitStack
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Unpack
 
@@ -21,7 +22,6 @@ from priorfill.filling.fill_array import (
 )
 from priorfill.filling.low_confidence import check_threshold
 from priorfill.filling.poses_dataset import Poses, read_poses, with_fills
-from priorfill.runtime.data_class import dataclass
 
 __all__ = ["fill_dataset"]
 

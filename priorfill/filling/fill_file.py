@@ -7,7 +7,7 @@ written.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Unpack
 
@@ -30,7 +30,6 @@ from priorfill.filling.swaps import swap_markers
 from priorfill.formats import WriteReport
 from priorfill.methods import get_method
 from priorfill.runtime.argument_types import check_path, check_type
-from priorfill.runtime.data_class import dataclass
 from priorfill.runtime.display import shell_command
 
 __all__ = ["FileOptions", "FileResult", "FileToFill", "fill_file", "write_filled"]

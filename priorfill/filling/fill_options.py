@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import field
+from dataclasses import dataclass, field
 from numbers import Real
 from pathlib import Path
 from typing import Any, TypedDict
@@ -16,7 +16,6 @@ from priorfill.filling.overrides import Overrides
 from priorfill.filling.plausibility_options import PlausibilityOptions
 from priorfill.markers.marker_set import MarkerSet
 from priorfill.runtime.argument_types import check_attributes, check_number, check_type
-from priorfill.runtime.data_class import dataclass
 from priorfill.runtime.option_texts import Duration, seconds_of
 
 __all__ = ["FillKeywords", "FillOptions"]

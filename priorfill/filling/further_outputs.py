@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -20,7 +21,6 @@ from priorfill.report.plots import check_plot, plot_files
 from priorfill.report.report_data import PageContents
 from priorfill.report.report_file import check_report, report_file
 from priorfill.runtime.atomic_file import is_same_file
-from priorfill.runtime.data_class import dataclass
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from numbers import Integral, Real
 
@@ -14,7 +14,6 @@ from priorfill.clip import Clip
 from priorfill.errors import OptionError
 from priorfill.gaps import Gap, find_gaps
 from priorfill.runtime.argument_types import check_type
-from priorfill.runtime.data_class import dataclass
 from priorfill.runtime.option_checks import check_not_text
 from priorfill.runtime.option_texts import Duration, check_positive, close_or_all, seconds_of
 

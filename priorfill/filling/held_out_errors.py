@@ -8,7 +8,7 @@ errors of the gaps. A gap at the clip's start or end is lengthened by as many fr
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,6 @@ from priorfill.gaps import Gap, gap_groups
 from priorfill.geometry.distances import norms
 from priorfill.gp.calibration import MIN_EXPECTED_RMS
 from priorfill.methods.task import Estimate, Task
-from priorfill.runtime.data_class import dataclass
 
 __all__ = ["HELD_OUT_BOUND_FACTOR", "with_held_out_errors"]
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from priorfill.errors import OptionError
 from priorfill.runtime.argument_types import check_number
-from priorfill.runtime.data_class import dataclass
 
 __all__ = ["LowConfidence", "check_threshold", "find_low_confidence"]
 

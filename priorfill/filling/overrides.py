@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +24,6 @@ from priorfill.filling.override_entries import (
     unknown_marker,
 )
 from priorfill.methods import resolve
-from priorfill.runtime.data_class import dataclass
 from priorfill.runtime.option_checks import check_not_text
 from priorfill.runtime.option_texts import close_or_all
 

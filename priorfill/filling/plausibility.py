@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -19,7 +20,6 @@ from priorfill.geometry.distances import distances_of, norms
 from priorfill.geometry.floor_heights import is_stood_on
 from priorfill.geometry.step_lengths import MIN_STEPS, greatest_step, step_lengths
 from priorfill.markers.clip_geometry import ClipGeometry
-from priorfill.runtime.data_class import dataclass
 from priorfill.runtime.threads import map_in_threads
 from priorfill.signal.running import running_maximum
 

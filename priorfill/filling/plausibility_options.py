@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import fields
+from dataclasses import dataclass, fields
 from typing import Any
 
-from priorfill.runtime.data_class import dataclass
 from priorfill.runtime.option_checks import check_at_least
 
 __all__ = ["UNCHECKED", "PlausibilityOptions"]

@@ -9,6 +9,7 @@ methods.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,6 @@ from numpy.typing import NDArray
 from priorfill.errors import ClipError
 from priorfill.interop import rate_of_times
 from priorfill.runtime.argument_types import check_number
-from priorfill.runtime.data_class import dataclass
 
 __all__ = ["Poses", "read_poses", "with_fills"]
 

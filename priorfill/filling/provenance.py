@@ -6,7 +6,7 @@ import hashlib
 import json
 import platform
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, field, fields, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from functools import lru_cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -24,7 +24,6 @@ from priorfill.filling.overrides import GapOverride, MadeFor, Overrides
 from priorfill.filling.plausibility_options import PlausibilityOptions
 from priorfill.markers.definitions import load
 from priorfill.markers.marker_set import MarkerSet
-from priorfill.runtime.data_class import dataclass
 from priorfill.runtime.field_types import check_field_types
 from priorfill.runtime.option_texts import Duration
 

@@ -7,7 +7,7 @@ import io
 import json
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +20,6 @@ from priorfill.filling.provenance import Provenance
 from priorfill.filling.uncertainty_file import COLUMNS, UNCERTAINTY_SUFFIXES
 from priorfill.formats.arrays.npz import load_arrays
 from priorfill.formats.file_bytes import read_bounded
-from priorfill.runtime.data_class import dataclass
 from priorfill.runtime.display import csv_cell
 
 __all__ = ["Uncertainty", "UncertaintyFile", "read_uncertainty"]

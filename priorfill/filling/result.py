@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +14,6 @@ from priorfill.clip import Clip
 from priorfill.filling.provenance import Provenance
 from priorfill.interop import optional_package, result_to_dataframe, result_to_xarray
 from priorfill.markers.marker_set import MarkerSet
-from priorfill.runtime.data_class import dataclass
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +21,6 @@ from priorfill.gaps import Gap, find_gaps, runs
 from priorfill.geometry.axes import from_upright
 from priorfill.markers.describe import describe
 from priorfill.report.compared import SAME_MM, file_or_name, notes_on_fit, positions_like
-from priorfill.runtime.data_class import dataclass
 
 __all__ = ["UNKNOWN_METHOD", "result_from_clips", "result_from_files"]
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence, Set
+from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from functools import partial
 from typing import Any
@@ -22,7 +23,6 @@ from priorfill.methods import METHODS, get_method, get_options
 from priorfill.methods.options import with_values
 from priorfill.methods.task import Estimate
 from priorfill.methods.task_parts import seeing_only
-from priorfill.runtime.data_class import dataclass
 from priorfill.runtime.option_texts import close_or_all
 from priorfill.search.takes import Take
 

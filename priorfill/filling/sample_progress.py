@@ -8,10 +8,8 @@ samples, so that the count grows with the work, and never falls.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import field
+from dataclasses import dataclass, field
 from itertools import chain
-
-from priorfill.runtime.data_class import dataclass
 
 __all__ = ["CallShares", "SampleProgress"]
 

@@ -8,7 +8,7 @@ methods would do without the marker, or without the frames around it.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -24,7 +24,6 @@ from priorfill.geometry.axes import to_upright
 from priorfill.markers.clip_geometry import ClipGeometry
 from priorfill.markers.marker_set import MarkerSet
 from priorfill.methods.task import Estimate, Note
-from priorfill.runtime.data_class import dataclass
 from priorfill.signal.gp_interpolation import InterpolationOptions, interpolate_gap
 
 __all__ = ["SeenClip", "doubtful_samples"]

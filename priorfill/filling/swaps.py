@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,6 @@ from priorfill.filling.assign_overrides import frames_of
 from priorfill.filling.gap_filter import matching_markers
 from priorfill.filling.override_entries import shown_value, unknown_marker
 from priorfill.filling.overrides import SWAP, GapOverride, Overrides
-from priorfill.runtime.data_class import dataclass
 
 __all__ = ["SwappedClip", "check_swaps", "exchange", "swap_markers"]
 

@@ -24,6 +24,7 @@ from __future__ import annotations
 
 import codecs
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -57,7 +58,6 @@ from priorfill.formats.tables.trc import create_trc, parse_trc, recognise_trc
 from priorfill.formats.write_report import WriteReport
 from priorfill.runtime.argument_types import check_path, check_type
 from priorfill.runtime.atomic_file import check_target, check_writable
-from priorfill.runtime.data_class import dataclass
 from priorfill.runtime.npz_file import create_npz
 
 __all__ = [

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import field
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -24,7 +24,6 @@ from priorfill.formats.subjects import choose_subject
 from priorfill.formats.units import find_unit
 from priorfill.formats.up_axis import find_up_axis
 from priorfill.runtime.argument_types import check_number, check_type
-from priorfill.runtime.data_class import dataclass
 from priorfill.runtime.threads import by_frames, map_in_threads
 
 __all__ = [

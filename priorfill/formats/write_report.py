@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,6 @@ from numpy.typing import NDArray
 
 from priorfill.clip import Clip
 from priorfill.errors import OutputError
-from priorfill.runtime.data_class import dataclass
 
 __all__ = ["WriteReport", "check_filled", "check_read_back"]
 

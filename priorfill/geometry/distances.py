@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-
-from priorfill.runtime.data_class import dataclass
 
 __all__ = [
     "MIN_COMMON_POSES",

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
-
-from priorfill.runtime.data_class import dataclass
 
 __all__ = ["FloorHeightOptions", "floor_heights", "is_stood_on"]
 

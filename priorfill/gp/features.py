@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.geometry.root_frames import RootFrames, heading_frames, rigid_frames
-from priorfill.runtime.data_class import dataclass
 from priorfill.runtime.elementary import exp
 
 __all__ = ["Alignment", "LagFeature", "MarkerWeights"]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 import numpy as np
@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from priorfill.gp.features import Alignment, LagFeature
 from priorfill.gp.kernels import Pairs
 from priorfill.gp.pose_process import PoseProcess
-from priorfill.runtime.data_class import dataclass
 
 __all__ = ["GPModel", "LagSource", "PoseSamples", "RegressionProblem", "SimulatedGap"]
 

@@ -9,12 +9,12 @@ more they count. They also tell how much better a problem is than the clip's own
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.gp.problem import SimulatedGap
-from priorfill.runtime.data_class import dataclass
 from priorfill.runtime.elementary import exp, log
 from priorfill.runtime.option_checks import check_at_least, check_between
 

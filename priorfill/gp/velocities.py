@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.geometry.distances import norms
-from priorfill.runtime.data_class import dataclass
 from priorfill.runtime.elementary import exp
 from priorfill.runtime.option_checks import check_at_least
 

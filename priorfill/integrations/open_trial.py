@@ -8,7 +8,7 @@ After it was set it is read once more: measured samples must have kept their bit
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Protocol, Unpack
 
@@ -30,7 +30,6 @@ from priorfill.filling.uncertainty_file import check_uncertainty, write_uncertai
 from priorfill.formats.recording import MAX_COORDINATE
 from priorfill.formats.up_axis import find_up_axis
 from priorfill.runtime.argument_types import check_attributes, check_type
-from priorfill.runtime.data_class import dataclass
 from priorfill.runtime.option_checks import check_not_text
 from priorfill.runtime.option_texts import first_names
 

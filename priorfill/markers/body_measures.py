@@ -10,12 +10,12 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.markers.marker_set import MarkerSet, same_markers
-from priorfill.runtime.data_class import dataclass
 
 __all__ = [
     "MAX_DIFFERENCE",

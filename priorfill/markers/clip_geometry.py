@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -12,7 +13,6 @@ from priorfill.geometry.floor_heights import floor_heights
 from priorfill.markers.describe import describe_markers
 from priorfill.markers.left_right import contralateral_markers
 from priorfill.markers.marker_set import MarkerSet
-from priorfill.runtime.data_class import dataclass
 
 __all__ = ["ClipGeometry"]
 

@@ -7,9 +7,7 @@ none, found from the clip's own data.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import field
-
-from priorfill.runtime.data_class import dataclass
+from dataclasses import dataclass, field
 
 __all__ = ["DISCOVERED", "MarkerSet", "same_markers"]
 

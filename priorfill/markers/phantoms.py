@@ -10,12 +10,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.clip import Clip
-from priorfill.runtime.data_class import dataclass
 
 __all__ = ["Phantom", "find_phantoms", "phantom_notes"]
 

@@ -5,11 +5,11 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from priorfill.errors import OptionError
-from priorfill.runtime.data_class import dataclass
 from priorfill.runtime.option_texts import close_or_all
 
 if TYPE_CHECKING:

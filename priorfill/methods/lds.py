@@ -28,13 +28,13 @@ References
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.gaps import Gap
 from priorfill.methods.task import Estimate, Progress, Task, no_progress
-from priorfill.runtime.data_class import dataclass
 from priorfill.runtime.option_checks import check_at_least
 
 __all__ = [

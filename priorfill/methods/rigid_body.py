@@ -14,13 +14,14 @@ References
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.gaps import constant_spans
 from priorfill.geometry.root_frames import rigid_frames
 from priorfill.methods.task import Estimate, Progress, Task, no_progress
-from priorfill.runtime.data_class import dataclass
 from priorfill.runtime.option_checks import check_at_least
 
 __all__ = ["RigidBodyOptions", "fill"]

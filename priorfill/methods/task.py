@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import field
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Protocol
 
@@ -15,7 +15,6 @@ from priorfill.geometry.root_frames import RootGroup
 from priorfill.markers.clip_geometry import ClipGeometry
 from priorfill.markers.marker_set import MarkerSet
 from priorfill.markers.root_choice import choose_root
-from priorfill.runtime.data_class import dataclass
 from priorfill.search.takes import Take
 
 __all__ = [

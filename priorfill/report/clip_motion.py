@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -11,7 +12,6 @@ from numpy.typing import NDArray
 from priorfill.geometry.distances import norms
 from priorfill.geometry.floor_heights import floor_heights
 from priorfill.geometry.step_lengths import greatest_step, step_lengths
-from priorfill.runtime.data_class import dataclass
 
 __all__ = ["ClipMotion", "RigidPartner"]
 

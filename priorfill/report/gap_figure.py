@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import textwrap
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,7 +14,6 @@ from numpy.typing import NDArray
 from priorfill.gaps import runs
 from priorfill.report.bands import BAND_50, BAND_90
 from priorfill.report.figures import default_style, new_figure, plain
-from priorfill.runtime.data_class import dataclass
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +11,6 @@ from numpy.typing import NDArray
 from priorfill.geometry.distances import norms
 from priorfill.geometry.step_lengths import step_lengths
 from priorfill.report.clip_motion import ClipMotion
-from priorfill.runtime.data_class import dataclass
 
 __all__ = ["GapMeasures", "LengthError", "measure_gap"]
 

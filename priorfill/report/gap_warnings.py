@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,7 +16,6 @@ from priorfill.report.clip_motion import ClipMotion
 from priorfill.report.gap_measures import GapMeasures, measure_gap
 from priorfill.report.shown_text import MAX_LABEL, shown, time_text
 from priorfill.report.warning_options import WarningOptions
-from priorfill.runtime.data_class import dataclass
 
 if TYPE_CHECKING:
     from priorfill.filling.result import FilledGap, Result

@@ -13,11 +13,10 @@ import json
 import re
 import zlib
 from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
-
-from priorfill.runtime.data_class import dataclass
 
 __all__ = ["REPORT_FOLDER", "PageFiles", "content_policy", "page_json", "page_text", "report_page"]
 

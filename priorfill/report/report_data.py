@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import field
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -21,7 +21,6 @@ from priorfill.report.result_summary import worst_first
 from priorfill.report.shown_text import MAX_LABEL, message_text, shown
 from priorfill.report.sticks import sticks_of
 from priorfill.report.warning_options import WarningOptions
-from priorfill.runtime.data_class import dataclass
 
 if TYPE_CHECKING:
     from priorfill.clip import Clip

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from priorfill.clip import Clip
     from priorfill.filling.result import FilledGap, Result
-
-from priorfill.runtime.data_class import dataclass
 
 __all__ = [
     "MarkerSummary",

@@ -13,10 +13,10 @@ import json
 import re
 import secrets
 from collections.abc import Iterable
+from dataclasses import dataclass
 from typing import Any
 
 from priorfill.errors import OptionError
-from priorfill.runtime.data_class import dataclass
 
 __all__ = [
     "ADDRESS",

@@ -6,7 +6,7 @@ import hashlib
 import os
 import threading
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Unpack
 
@@ -27,7 +27,6 @@ from priorfill.formats.bids.names import dataset_root, derivative_path, filled_n
 from priorfill.formats.file_bytes import check_unchanged, source_errors_explained
 from priorfill.report.report_data import PageContents, page_data
 from priorfill.runtime.atomic_file import check_target, check_writable, is_same_file
-from priorfill.runtime.data_class import dataclass
 from priorfill.runtime.file_pair import file_state, finish_pairs, write_pair
 
 __all__ = [

@@ -7,13 +7,13 @@ import sys
 import threading
 import webbrowser
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from priorfill.errors import OptionError
 from priorfill.filling.fill_options import FillOptions
 from priorfill.reviewing.session import ReviewSession, SavedReview
-from priorfill.runtime.data_class import dataclass
 
 __all__ = ["ReviewOptions", "review"]
 

@@ -10,11 +10,11 @@ from __future__ import annotations
 import hashlib
 import os
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 from priorfill.errors import OutputError
 from priorfill.runtime.atomic_file import check_writable, replace_file
-from priorfill.runtime.data_class import dataclass
 from priorfill.runtime.held_files import is_held
 
 __all__ = ["VARIABLE", "CodeKey", "find", "keep", "problem"]

@@ -12,7 +12,7 @@ import json
 import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +28,6 @@ from priorfill.runtime.atomic_file import (
     replace_file,
     temporary_name,
 )
-from priorfill.runtime.data_class import dataclass
 
 __all__ = ["file_state", "finish_pairs", "write_pair"]
 

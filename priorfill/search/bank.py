@@ -10,13 +10,13 @@ from __future__ import annotations
 import copy
 import threading
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.geometry.poses import complete_poses, evenly_spaced
 from priorfill.geometry.root_frames import RootFrames, RootGroup
-from priorfill.runtime.data_class import dataclass
 from priorfill.runtime.threads import run_in_threads, split_range
 from priorfill.search.bounds import POSES_PER_THREAD
 from priorfill.search.index import MAX_BRUTE_FORCE_POSES, PoseIndex, Way

@@ -9,7 +9,7 @@ the memory.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import field
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,7 +19,6 @@ from priorfill.clip import Clip
 from priorfill.errors import ClipError, DatabaseCorruptError
 from priorfill.geometry.axes import to_upright
 from priorfill.markers.marker_set import MarkerSet, same_markers
-from priorfill.runtime.data_class import dataclass
 from priorfill.signal.resample import Level, resample
 
 if TYPE_CHECKING:

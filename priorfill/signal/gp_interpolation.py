@@ -12,13 +12,14 @@ References
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.geometry.poses import evenly_spaced
 from priorfill.gp.kernels import Matern52, Pairs
 from priorfill.gp.process import FittedGP, GaussianProcess
-from priorfill.runtime.data_class import dataclass
 from priorfill.runtime.option_checks import check_at_least
 
 __all__ = ["InterpolationOptions", "interpolate_gap", "interpolation_weights"]

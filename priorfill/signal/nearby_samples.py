@@ -13,6 +13,7 @@ References
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +21,6 @@ from numpy.typing import NDArray
 from priorfill.gp.kernels import Pairs
 from priorfill.gp.linalg import solve_blocks
 from priorfill.gp.process import GaussianProcess
-from priorfill.runtime.data_class import dataclass
 from priorfill.signal.gp_interpolation import MIN_SAMPLES_PER_SIDE
 
 __all__ = ["NearbySamples", "SampleWeights", "rows_by_marker"]

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.errors import OptionError
-from priorfill.runtime.data_class import dataclass
 from priorfill.runtime.elementary import bessel_i0, sin
 from priorfill.signal.running import symmetric_filter
 

@@ -16,6 +16,7 @@ References
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -23,7 +24,6 @@ from numpy.typing import NDArray
 
 from priorfill.errors import OptionError
 from priorfill.gaps import runs
-from priorfill.runtime.data_class import dataclass
 from priorfill.runtime.elementary import power, sin
 from priorfill.runtime.lapack import solve_positive_banded
 from priorfill.runtime.option_checks import check_at_least, check_between

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.errors import ClipError
-from priorfill.runtime.data_class import dataclass
 from priorfill.skeleton.joint_names import JointName, read_names
 from priorfill.skeleton.joints import Skeleton
 from priorfill.skeleton.part_names import PARTS, SIDES

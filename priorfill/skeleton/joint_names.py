@@ -5,8 +5,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Sequence
-
-from priorfill.runtime.data_class import dataclass
+from dataclasses import dataclass
 
 __all__ = ["JointName", "read_names"]
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.errors import MarkerSetError, PriorfillError
-from priorfill.runtime.data_class import dataclass
 from priorfill.runtime.resources import resource_path
 from priorfill.runtime.toml_file import read_toml
 from priorfill.skeleton.part_names import PARTS

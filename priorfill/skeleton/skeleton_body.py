@@ -10,13 +10,13 @@ pose or the heading.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-from priorfill.runtime.data_class import dataclass
 from priorfill.skeleton.find_joints import BodyJoints
 from priorfill.skeleton.part_names import PARTS, SIDES
 

@@ -12,7 +12,7 @@ import os
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -31,7 +31,6 @@ from priorfill.runtime.atomic_file import (
     remove_folder,
     temporary_name,
 )
-from priorfill.runtime.data_class import dataclass
 from priorfill.runtime.error_line import error_line
 from priorfill.study.child.own_memory import peak_memory
 from priorfill.study.job import (

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from priorfill.database.manifest import MANIFEST
@@ -11,7 +12,6 @@ from priorfill.errors import OptionError
 from priorfill.formats import SUFFIXES, is_recording
 from priorfill.formats.bids.names import DESCRIPTION, dataset_root
 from priorfill.formats.file_bytes import is_folder, is_there
-from priorfill.runtime.data_class import dataclass
 from priorfill.study.study_folder import MARK, STATE
 
 __all__ = ["FoundSources", "StudySource", "find_sources"]

@@ -9,12 +9,11 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
 from priorfill.runtime.atomic_file import replace_file
-from priorfill.runtime.data_class import dataclass
 from priorfill.study.survey import Survey
 
 __all__ = ["GrowthPlan", "Round", "rounds_of"]

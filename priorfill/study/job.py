@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, field, fields
+from dataclasses import asdict, dataclass, field, fields
 from typing import Any, Literal, get_args
 
 from priorfill.errors import escaped
-from priorfill.runtime.data_class import dataclass
 
 __all__ = [
     "FAILED",

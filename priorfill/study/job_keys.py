@@ -6,13 +6,12 @@ import hashlib
 import json
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 from priorfill.database import PriorDatabase
 from priorfill.filling.provenance import DatabaseState, database_state, package_versions
 from priorfill.formats.file_bytes import no_such_file
-from priorfill.runtime.data_class import dataclass
 from priorfill.study.job import JobOutcome, StudyJob
 from priorfill.study.records import contents_hash
 

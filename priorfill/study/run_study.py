@@ -10,7 +10,7 @@ import math
 import time
 from collections.abc import Sequence
 from contextlib import closing, suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal, Unpack
 
@@ -19,7 +19,6 @@ from priorfill.filling.fill_file import FileOptions
 from priorfill.filling.fill_options import FillKeywords, FillOptions
 from priorfill.filling.gap_filter import GapFilter
 from priorfill.runtime.argument_types import check_path, check_type
-from priorfill.runtime.data_class import dataclass
 from priorfill.study.child.run_child import remove_leftovers
 from priorfill.study.job import FAILED, FILLED, NO_GAPS, JobOutcome, StudyJob
 from priorfill.study.job_keys import JobKeys

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, field, fields, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any
 
 from priorfill.database import Selection
@@ -16,7 +16,6 @@ from priorfill.filling.run_settings import changed_options
 from priorfill.markers.marker_set import MarkerSet
 from priorfill.methods import resolve
 from priorfill.methods.options import differing
-from priorfill.runtime.data_class import dataclass
 
 __all__ = ["FillSettings"]
 

@@ -21,13 +21,13 @@ import os
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from priorfill.errors import OptionError, OutputError
 from priorfill.formats.bids.names import filled_name
 from priorfill.runtime.atomic_file import check_writable, replace_file
-from priorfill.runtime.data_class import dataclass
 from priorfill.runtime.file_lock import LockHeldError, acquire_lock
 
 if TYPE_CHECKING:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,6 @@ from priorfill.errors import OptionError, PriorfillError, StudyError
 from priorfill.filling.add_result import can_create_database
 from priorfill.formats import PROGRAMS
 from priorfill.runtime.atomic_file import is_same_file
-from priorfill.runtime.data_class import dataclass
 from priorfill.study.find_sources import StudySource, find_sources
 from priorfill.study.job import StudyJob
 from priorfill.study.settings import FillSettings

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import asdict, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any
 
@@ -16,8 +16,6 @@ import numpy as np
 
 if TYPE_CHECKING:
     from priorfill.clip import Clip
-
-from priorfill.runtime.data_class import dataclass
 
 __all__ = ["Survey", "SurveyedSubject", "session_of", "survey_clips", "survey_file"]
 

@@ -30,13 +30,12 @@ Sources
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
-
-from priorfill.runtime.data_class import dataclass
 
 __all__ = [
     "RUNNING",

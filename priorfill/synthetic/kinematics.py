@@ -5,10 +5,11 @@ Axes are x forwards, y left, z up, in the upright pose. All functions are vector
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
-from priorfill.runtime.data_class import dataclass
 from priorfill.synthetic.synthetic_body import MARKER_SEGMENTS, SIDES, SyntheticSkeleton
 
 __all__ = [

@@ -11,10 +11,11 @@ none of the figures is taken from a recording.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
-from priorfill.runtime.data_class import dataclass
 from priorfill.synthetic.synthetic_options import check_range
 
 __all__ = ["LABELS", "MARKER_SEGMENTS", "SIDES", "Body", "SyntheticSkeleton"]

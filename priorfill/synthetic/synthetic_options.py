@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 from priorfill.errors import OptionError
-from priorfill.runtime.data_class import dataclass
 
 __all__ = ["Noise", "Style", "check_range"]
 

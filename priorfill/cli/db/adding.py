@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,7 +25,6 @@ from priorfill.errors import (
     OptionError,
     PriorfillError,
 )
-from priorfill.runtime.data_class import dataclass
 
 if TYPE_CHECKING:
     from priorfill.clip import Clip

@@ -5,10 +5,10 @@ from __future__ import annotations
 import glob
 import os
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from priorfill.formats.file_bytes import is_folder, is_there
-from priorfill.runtime.data_class import dataclass
 
 __all__ = ["FoundFiles", "find_files"]
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +25,6 @@ from priorfill.formats.tables.frames import find_rate
 from priorfill.formats.write_report import WriteReport, check_filled, check_read_back
 from priorfill.geometry.axes import UP_AXES
 from priorfill.runtime.atomic_file import replace_file
-from priorfill.runtime.data_class import dataclass
 
 __all__ = ["LABELS", "POSITIONS", "RATES", "Unread", "as_recording", "clip_arrays", "write_arrays"]
 

@@ -10,10 +10,10 @@ from __future__ import annotations
 import os
 import re
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 
 from priorfill.formats.file_bytes import is_folder
-from priorfill.runtime.data_class import dataclass
 
 __all__ = [
     "DESCRIPTION",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,6 @@ from priorfill.formats.bids.names import BidsName, mask_file, side_files
 from priorfill.formats.file_bytes import read_bounded, read_bytes
 from priorfill.formats.tables.cells import join_quoted, line_number, split_lines, texts_of
 from priorfill.formats.tables.numbers import header_number, shown
-from priorfill.runtime.data_class import dataclass
 
 __all__ = ["UP_AXIS", "Channel", "SideFiles", "number_of_field", "read_side_files"]
 

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import field
+from dataclasses import dataclass, field
 
 from priorfill.errors import FormatError
 from priorfill.formats.bids.side_files import Channel
 from priorfill.formats.units import mm_per_unit
-from priorfill.runtime.data_class import dataclass
 from priorfill.runtime.option_texts import first_names
 
 __all__ = ["TrackedPoints", "find_tracked_points"]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from itertools import product
 from typing import TypeVar
 
@@ -19,7 +20,6 @@ from priorfill.formats.c3d.parameters import (
     parse_header,
     parse_parameters,
 )
-from priorfill.runtime.data_class import dataclass
 from priorfill.runtime.threads import map_in_threads
 
 __all__ = ["WORDS_PER_POINT", "C3DLayout", "parse_layout", "read_points"]

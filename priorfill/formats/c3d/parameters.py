@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import mmap
 from collections.abc import Iterator
+from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
@@ -12,7 +13,6 @@ from numpy.typing import NDArray
 
 from priorfill.errors import FormatError
 from priorfill.formats.c3d.encoding import Processor, decode_floats, decode_integers
-from priorfill.runtime.data_class import dataclass
 
 __all__ = [
     "BLOCK",

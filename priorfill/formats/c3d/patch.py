@@ -11,6 +11,7 @@ from __future__ import annotations
 import hashlib
 import mmap
 from collections.abc import Iterator
+from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 
@@ -30,7 +31,6 @@ from priorfill.formats.c3d.parameters import FileBytes
 from priorfill.formats.file_bytes import check_unchanged, source_errors_explained
 from priorfill.formats.write_report import WriteReport, check_filled
 from priorfill.runtime.atomic_file import check_target, replace_file
-from priorfill.runtime.data_class import dataclass
 from priorfill.runtime.threads import map_in_threads
 
 __all__ = ["PatchPlan", "beyond_range", "plan_patch", "write_c3d"]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import field
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from priorfill.errors import FormatError
 from priorfill.formats.file_bytes import read_bytes
 from priorfill.formats.skeletons.numbered_lines import MAX_JOINTS, NumberedLines, NumberRows
-from priorfill.runtime.data_class import dataclass
 from priorfill.skeleton.joints import Skeleton, SkeletonMotion, euler_rotations
 
 __all__ = ["parse_bvh", "read_bvh"]

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -39,7 +39,6 @@ from priorfill.formats.tables.numbers import (
 )
 from priorfill.formats.write_report import WriteReport, check_filled
 from priorfill.runtime.atomic_file import check_target, replace_file
-from priorfill.runtime.data_class import dataclass
 
 __all__ = [
     "TableRecording",

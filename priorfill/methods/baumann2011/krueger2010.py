@@ -44,6 +44,7 @@ References
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,7 +67,6 @@ from priorfill.methods.task import (
     no_progress,
     take_names,
 )
-from priorfill.runtime.data_class import dataclass
 from priorfill.runtime.option_checks import check_at_least
 from priorfill.search.bank import PoseBank
 from priorfill.search.takes import own_take

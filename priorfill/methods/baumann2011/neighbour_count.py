@@ -13,11 +13,12 @@ References
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.methods.baumann2011.pose_searches import MarkerSearch
-from priorfill.runtime.data_class import dataclass
 from priorfill.search.bank import PoseBank
 
 __all__ = ["COUNTS", "NeighbourCount", "choose_neighbours"]

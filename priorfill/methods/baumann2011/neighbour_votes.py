@@ -40,6 +40,8 @@ References
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -64,7 +66,6 @@ from priorfill.methods.task import (
     no_progress,
     take_names,
 )
-from priorfill.runtime.data_class import dataclass
 from priorfill.runtime.elementary import exp
 from priorfill.runtime.option_checks import check_at_least
 from priorfill.search.bank import PoseBank

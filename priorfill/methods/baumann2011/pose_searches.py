@@ -11,13 +11,13 @@ dropped.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.geometry.root_frames import RootGroup
 from priorfill.methods.task import Task
-from priorfill.runtime.data_class import dataclass
 from priorfill.search.bank import PoseBank, PoseBankCache
 from priorfill.search.takes import Take
 

@@ -7,10 +7,11 @@ what the published method can do without regression, for comparison with ``gpr``
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 from priorfill.methods.baumann2011 import neighbour_votes
 from priorfill.methods.baumann2011.neighbour_votes import Baumann2011Options
 from priorfill.methods.task import Estimate, Progress, Task, no_progress
-from priorfill.runtime.data_class import dataclass
 
 __all__ = ["NeighboursOptions", "fill"]
 

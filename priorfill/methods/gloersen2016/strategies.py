@@ -7,6 +7,7 @@ These are functions of arrays. `gloersen2016_fill` applies them to a task, and
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +17,6 @@ from priorfill.methods.gloersen2016.weighted_pca import (
     mean_distances,
     regression,
 )
-from priorfill.runtime.data_class import dataclass
 from priorfill.runtime.option_checks import check_at_least, check_between
 
 __all__ = ["Gloersen2016Options", "MissingMarkers", "PcaFrames", "consecutive", "simultaneous"]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +12,6 @@ from priorfill.energy.targets import Prior
 from priorfill.gaps import GapGroup
 from priorfill.methods.gpr.options import JoiningOptions
 from priorfill.methods.gpr.prediction import SegmentPrediction
-from priorfill.runtime.data_class import dataclass
 from priorfill.runtime.elementary import power
 from priorfill.signal.resample import Resolution
 

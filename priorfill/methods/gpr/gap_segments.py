@@ -7,11 +7,10 @@ A segment has one set of visible markers. How gaps are joined and divided into s
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-
-from priorfill.runtime.data_class import dataclass
 
 __all__ = ["MIN_VISIBLE", "GapSegment", "SegmentBatch"]
 

@@ -28,7 +28,7 @@ from bisect import bisect_left
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -47,7 +47,6 @@ from priorfill.methods.gpr.segment_batches import plan_batches
 from priorfill.methods.gpr.short_gaps.fill_short_gaps import ShortGapFill
 from priorfill.methods.task import Estimate, Progress, Task, no_progress
 from priorfill.methods.task_parts import wanted_samples
-from priorfill.runtime.data_class import dataclass
 from priorfill.runtime.free_memory import release_free_memory
 from priorfill.runtime.threads import Map, by_frames, map_in_threads
 from priorfill.signal.resample import Resolution

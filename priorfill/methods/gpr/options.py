@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import field
+from dataclasses import dataclass, field
 
 from priorfill.constraints.floor import FloorOptions
 from priorfill.constraints.rigid_pairs import RigidPairOptions
@@ -19,7 +19,6 @@ from priorfill.methods.gpr.sources.options import GapWindowOptions
 from priorfill.methods.gpr.spline_nodes import SplineNodeOptions
 from priorfill.methods.gpr.training.options import TrainingOptions
 from priorfill.methods.gpr.training.subject_correlation import SubjectCorrelationOptions
-from priorfill.runtime.data_class import dataclass
 from priorfill.runtime.option_checks import check_at_least, check_between
 from priorfill.signal.gp_interpolation import InterpolationOptions
 from priorfill.signal.smoothing import SmoothingOptions

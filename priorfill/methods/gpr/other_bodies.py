@@ -11,6 +11,7 @@ poses are mapped by the same matrix.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -19,7 +20,6 @@ from numpy.typing import NDArray
 from priorfill.geometry.poses import evenly_spaced
 from priorfill.gp.linalg import inverse_root
 from priorfill.methods.task import THIS_CLIP
-from priorfill.runtime.data_class import dataclass
 from priorfill.runtime.elementary import exp, log
 from priorfill.runtime.option_checks import check_at_least
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import field
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -12,7 +12,6 @@ from priorfill.geometry.poses import evenly_spaced
 from priorfill.geometry.root_frames import RootGroup
 from priorfill.methods.gpr.other_bodies import BodyMapOptions, bring_onto_clip
 from priorfill.methods.task import THIS_CLIP, Task
-from priorfill.runtime.data_class import dataclass
 from priorfill.runtime.option_checks import check_at_least
 from priorfill.search.bank import PoseBank, PoseBankCache
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from priorfill.gp.calibration import BOUND_FACTOR
 from priorfill.methods.gpr.gap_segments import GapSegment
 from priorfill.methods.task import Note, Task
-from priorfill.runtime.data_class import dataclass
 
 __all__ = ["OVER_TIME", "SegmentPrediction", "notes_on_unfilled"]
 

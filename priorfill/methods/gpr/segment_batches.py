@@ -8,7 +8,7 @@ visible markers that they do not have in common.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -18,7 +18,6 @@ from priorfill.gaps import GapGroup, constant_spans
 from priorfill.geometry.clustering import single_linkage
 from priorfill.methods.gpr.gap_segments import GapSegment, SegmentBatch
 from priorfill.methods.gpr.visible_sets import MergingLimits, VisibleSets, merge_visible_sets
-from priorfill.runtime.data_class import dataclass
 from priorfill.runtime.elementary import exp
 from priorfill.runtime.option_checks import check_at_least, check_between
 

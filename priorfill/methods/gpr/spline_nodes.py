@@ -8,14 +8,13 @@ of the gap, where the prediction joins the measured samples, every frame is pred
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.gp.ensemble import Regression
 from priorfill.methods.gpr.gap_segments import GapSegment
-from priorfill.runtime.data_class import dataclass
 from priorfill.runtime.option_checks import check_at_least
 from priorfill.signal.cubic_spline import cubic_spline
 

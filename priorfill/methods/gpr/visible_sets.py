@@ -7,11 +7,12 @@ sets are merged greedily: each regression costs time, and each merged set loses 
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.methods.gpr.gap_segments import MIN_VISIBLE
-from priorfill.runtime.data_class import dataclass
 
 __all__ = ["MergingLimits", "VisibleSets", "merge_visible_sets"]
 

@@ -17,12 +17,11 @@ Eqs. (9)-(16)   `trajectory_space`, `complete_frames`
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import lstsq
-
-from priorfill.runtime.data_class import dataclass
 
 __all__ = [
     "PieceSpaces",

@@ -16,6 +16,7 @@ Departures from the paper, and from the program that its authors published:
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from itertools import permutations
 
 import numpy as np
@@ -26,7 +27,6 @@ from priorfill.methods.li2020 import eigenspaces
 from priorfill.methods.li2020.li2020_options import Li2020Options
 from priorfill.methods.li2020.piece_sources import PieceSources, stretch
 from priorfill.methods.task import Estimate, Progress, Task, no_progress
-from priorfill.runtime.data_class import dataclass
 
 __all__ = ["pca_frames"]
 

@@ -25,6 +25,7 @@ The two-dimensional tracking data of the paper (pixels in video) are out of scop
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,7 +43,6 @@ from priorfill.methods.li2020.normalisation import (
 from priorfill.methods.li2020.pieces_fill import Complete, fill_pieces
 from priorfill.methods.li2020.training_windows import choose_windows, marker_sets
 from priorfill.methods.task import Estimate, Progress, Task, no_progress
-from priorfill.runtime.data_class import dataclass
 
 __all__ = ["pca_pieces", "pca_train"]
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.methods.li2020 import eigenspaces
 from priorfill.methods.li2020.li2020_options import Li2020Options
-from priorfill.runtime.data_class import dataclass
 
 __all__ = ["Normalisation", "coordinates", "marker_weights", "mean_distances", "normalise"]
 

@@ -9,13 +9,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.geometry.poses import evenly_spaced
 from priorfill.methods.li2020.li2020_options import Li2020Options
-from priorfill.runtime.data_class import dataclass
 from priorfill.search.takes import Take
 
 __all__ = ["TrainingWindow", "choose_windows", "marker_sets", "shows_all"]

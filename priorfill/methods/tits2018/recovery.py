@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +28,6 @@ from priorfill.methods.tits2018.tits2018_options import (
     spread_evenly,
     thinned,
 )
-from priorfill.runtime.data_class import dataclass
 
 __all__ = ["MODELS", "Recovery", "centroid", "often_visible", "recover"]
 

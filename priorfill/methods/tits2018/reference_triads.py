@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.gaps import Gap
 from priorfill.methods.tits2018.tits2018_options import Tits2018Options, spread_evenly
-from priorfill.runtime.data_class import dataclass
 
 __all__ = ["Triad", "choose", "deviations"]
 

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import field
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.methods.gloersen2016.strategies import Gloersen2016Options
-from priorfill.runtime.data_class import dataclass
 from priorfill.runtime.option_checks import check_at_least, check_between
 
 __all__ = ["Tits2018Options", "spread_evenly", "thinned"]

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from priorfill.runtime.data_class import dataclass
+from dataclasses import dataclass
+
 from priorfill.runtime.option_checks import check_at_least
 
 __all__ = ["SummaryLimits"]

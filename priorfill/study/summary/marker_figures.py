@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 
-from priorfill.runtime.data_class import dataclass
 from priorfill.study.summary.trial_figures import TrialFigures, TrialMarker, mean_error
 
 __all__ = ["StudyMarker", "absent_markers", "study_markers"]

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Iterator
+from dataclasses import dataclass
 from pathlib import PurePosixPath
 from typing import TYPE_CHECKING, Literal
 
-from priorfill.runtime.data_class import dataclass
 from priorfill.runtime.option_texts import first_names
 from priorfill.study.summary.limits import SummaryLimits
 from priorfill.study.summary.trial_figures import LeftSamples, TrialFigures, TrialGap

@@ -6,11 +6,10 @@ import math
 import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
 
-from priorfill.runtime.data_class import dataclass
 from priorfill.study.job import FAILED, FILLED, INCOMPLETE, NO_GAPS, JobOutcome
 from priorfill.study.summary.limits import SummaryLimits
 from priorfill.study.summary.marker_figures import StudyMarker, absent_markers, study_markers

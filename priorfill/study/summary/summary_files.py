@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from priorfill.errors import OutputError
 from priorfill.report.report_file import REPORT_SUFFIXES
 from priorfill.runtime.atomic_file import check_target, check_writable, replace_file
-from priorfill.runtime.data_class import dataclass
 from priorfill.runtime.option_checks import check_suffix
 from priorfill.study.job import JobOutcome
 from priorfill.study.summary.as_json import FORMAT, summary_json

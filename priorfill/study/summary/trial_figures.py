@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import PurePosixPath
 from typing import Any, Protocol
 
-from priorfill.runtime.data_class import dataclass
 from priorfill.study.job import FAILED, JobOutcome
 
 __all__ = [

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.geometry.distances import norms
 from priorfill.geometry.poses import sample_complete_poses
-from priorfill.runtime.data_class import dataclass
 
 __all__ = ["ConstantDistances", "compare_sizes", "constant_distances"]
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +17,6 @@ from priorfill.gp.linalg import (
 )
 from priorfill.methods.gpr.blackout.options import BlackoutOptions
 from priorfill.methods.gpr.blackout.windows import OWN_SUBJECT, BlackoutWindows
-from priorfill.runtime.data_class import dataclass
 from priorfill.runtime.elementary import power
 
 __all__ = ["correct_from_edges"]

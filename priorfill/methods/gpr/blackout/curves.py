@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +12,6 @@ from priorfill.gp.calibration import MIN_EXPECTED_RMS
 from priorfill.gp.process import GaussianProcess
 from priorfill.methods.gpr.blackout.options import BlackoutOptions
 from priorfill.methods.gpr.blackout.window_layout import WindowLayout
-from priorfill.runtime.data_class import dataclass
 from priorfill.runtime.elementary import exp
 from priorfill.signal.gp_interpolation import interpolation_weights
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -13,7 +15,6 @@ from priorfill.methods.gpr.blackout.options import BlackoutOptions
 from priorfill.methods.gpr.gap_segments import MIN_VISIBLE
 from priorfill.methods.gpr.pose_search import PoseSearch
 from priorfill.methods.task import THIS_CLIP, Task, take_names
-from priorfill.runtime.data_class import dataclass
 from priorfill.search.bank import PoseBank, spaced_rows
 
 __all__ = ["DatabaseWindows", "similar_windows"]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 from priorfill.gp.kernels import (
     RBF,
     Constant,
@@ -12,7 +14,6 @@ from priorfill.gp.kernels import (
     SubjectCorrelation,
 )
 from priorfill.gp.process import GaussianProcess
-from priorfill.runtime.data_class import dataclass
 from priorfill.runtime.option_checks import check_at_least, check_between
 
 __all__ = ["BlackoutOptions"]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +26,6 @@ from priorfill.methods.gpr.blackout.windows import (
     WindowSources,
     collect_windows,
 )
-from priorfill.runtime.data_class import dataclass
 from priorfill.runtime.elementary import exp, hypot, log, power
 
 __all__ = ["BlackoutPrediction", "predict_blackout"]

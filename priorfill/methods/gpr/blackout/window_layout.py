@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.methods.gpr.blackout.options import BlackoutOptions
-from priorfill.runtime.data_class import dataclass
 
 __all__ = ["WindowLayout", "lay_out_window"]
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,6 @@ from priorfill.methods.gpr.blackout.database_windows import DatabaseWindows
 from priorfill.methods.gpr.blackout.edge_features import edge_features
 from priorfill.methods.gpr.blackout.options import BlackoutOptions
 from priorfill.methods.gpr.blackout.window_layout import WindowLayout
-from priorfill.runtime.data_class import dataclass
 
 __all__ = ["BlackoutWindows", "MirrorImage", "WindowSources", "collect_windows"]
 

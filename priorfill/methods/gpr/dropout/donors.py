@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +14,6 @@ from priorfill.methods.gpr.dropout.marker_coupling import MarkerCoupling
 from priorfill.methods.gpr.dropout.options import DropoutOptions
 from priorfill.methods.gpr.dropout.subjects import Subjects, SubjectSample
 from priorfill.methods.task import THIS_CLIP, Task
-from priorfill.runtime.data_class import dataclass
 from priorfill.runtime.elementary import exp
 
 __all__ = ["Donor", "Donors", "describe_donors"]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,7 +16,6 @@ from priorfill.methods.gpr.dropout.predict_from_donors import (
 )
 from priorfill.methods.gpr.gap_segments import MIN_VISIBLE
 from priorfill.methods.task import THIS_CLIP, Task
-from priorfill.runtime.data_class import dataclass
 
 __all__ = ["DropoutPrediction", "DropoutPredictor"]
 

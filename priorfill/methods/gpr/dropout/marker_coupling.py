@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.methods.gpr.dropout.options import DropoutOptions
-from priorfill.runtime.data_class import dataclass
 from priorfill.runtime.elementary import exp
 
 __all__ = ["MarkerCoupling"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
@@ -17,7 +18,6 @@ from priorfill.gp.kernels import (
     SameRecording,
     SameSubject,
 )
-from priorfill.runtime.data_class import dataclass
 
 __all__ = ["MultiSubjectKernel", "subject_pairs"]
 

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 from priorfill.gp.features import Alignment
 from priorfill.gp.process import GaussianProcess
 from priorfill.methods.gpr.dropout.multi_subject_kernel import MultiSubjectKernel
-from priorfill.runtime.data_class import dataclass
 from priorfill.runtime.option_checks import check_at_least, check_between
 
 __all__ = ["DropoutOptions"]

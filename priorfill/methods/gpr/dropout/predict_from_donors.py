@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import field
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,6 @@ from priorfill.methods.gpr.dropout.marker_coupling import MarkerCoupling
 from priorfill.methods.gpr.dropout.multi_subject_kernel import subject_pairs
 from priorfill.methods.gpr.dropout.options import DropoutOptions
 from priorfill.methods.gpr.dropout.subjects import THIS_CLIP
-from priorfill.runtime.data_class import dataclass
 
 __all__ = ["DonorPredictions", "predict_from_donors", "predict_with_each_model"]
 

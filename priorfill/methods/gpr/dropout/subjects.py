@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -13,7 +14,6 @@ from priorfill.geometry.mirror import mirrored
 from priorfill.geometry.poses import complete_poses, evenly_spaced
 from priorfill.methods.gpr.dropout.options import DropoutOptions
 from priorfill.methods.task import THIS_CLIP, Task
-from priorfill.runtime.data_class import dataclass
 
 __all__ = ["THIS_CLIP", "SubjectSample", "Subjects"]
 

@@ -19,6 +19,7 @@ of walking, exercises and acrobatics.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +30,6 @@ from priorfill.gp.calibration import calibrate
 from priorfill.gp.linalg import power_weights
 from priorfill.methods.gpr.short_gaps.local_paths import LocalPaths
 from priorfill.methods.gpr.short_gaps.options import ShortGapOptions
-from priorfill.runtime.data_class import dataclass
 from priorfill.signal.nearby_samples import NearbySamples, SampleWeights, rows_by_marker
 
 __all__ = ["ShortGapEstimate", "estimate_short_gaps"]

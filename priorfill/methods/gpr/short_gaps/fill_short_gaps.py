@@ -9,7 +9,7 @@ afterwards, so that gaps of other markers at the same time are not divided by th
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -22,7 +22,6 @@ from priorfill.methods.gpr.short_gaps.estimate import ShortGapEstimate, estimate
 from priorfill.methods.gpr.training.own_clip import OwnClipProblems
 from priorfill.methods.task import Estimate, Note, Task
 from priorfill.methods.task_parts import wanted_samples
-from priorfill.runtime.data_class import dataclass
 
 __all__ = ["ShortGapFill"]
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.geometry.root_frames import rigid_frames
 from priorfill.methods.gpr.short_gaps.options import ShortGapOptions
-from priorfill.runtime.data_class import dataclass
 from priorfill.runtime.elementary import exp
 
 __all__ = ["LocalPaths"]

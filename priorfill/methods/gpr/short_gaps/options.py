@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 from priorfill.gp.kernels import Matern52
 from priorfill.gp.process import GaussianProcess
-from priorfill.runtime.data_class import dataclass
 from priorfill.runtime.option_checks import check_at_least, check_between
 
 __all__ = ["ShortGapOptions"]

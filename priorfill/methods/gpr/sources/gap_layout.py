@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.methods.gpr.gap_segments import GapSegment
 from priorfill.methods.gpr.sources.options import GapWindowOptions
-from priorfill.runtime.data_class import dataclass
 
 __all__ = ["GapLayout", "lay_out_gap"]
 

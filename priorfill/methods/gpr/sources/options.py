@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 from priorfill.gp.features import Alignment
-from priorfill.runtime.data_class import dataclass
 from priorfill.runtime.option_checks import check_at_least, check_between
 
 __all__ = ["GapWindowOptions"]

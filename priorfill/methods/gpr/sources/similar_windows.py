@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -11,7 +13,6 @@ from priorfill.gp.features import Alignment, MarkerWeights
 from priorfill.methods.gpr.pose_search import PoseSearch
 from priorfill.methods.gpr.sources.gap_layout import GapLayout
 from priorfill.methods.gpr.sources.options import GapWindowOptions
-from priorfill.runtime.data_class import dataclass
 from priorfill.search.bank import PoseBank, spaced_rows
 
 __all__ = ["LocalWindows", "WindowFinder", "WindowFrame"]

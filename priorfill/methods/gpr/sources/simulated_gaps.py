@@ -10,6 +10,7 @@ and from the database without these poses. Both errors are known.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -23,7 +24,6 @@ from priorfill.gp.linalg import squared_distances
 from priorfill.gp.problem import GPModel, PoseSamples, RegressionProblem
 from priorfill.methods.gpr.pose_search import PoseSearch
 from priorfill.methods.task import MIRROR_IMAGE, THIS_CLIP
-from priorfill.runtime.data_class import dataclass
 from priorfill.runtime.option_checks import check_at_least
 from priorfill.search.bank import PoseBank
 

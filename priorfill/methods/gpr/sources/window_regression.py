@@ -13,13 +13,14 @@ References
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.gp.kernels import RBF, Linear, Pairs
 from priorfill.gp.process import GaussianProcess
 from priorfill.methods.gpr.sources.options import GapWindowOptions
-from priorfill.runtime.data_class import dataclass
 from priorfill.runtime.elementary import exp
 
 __all__ = ["WindowRegression", "regress_windows"]

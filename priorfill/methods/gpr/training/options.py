@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import math
-from dataclasses import field
+from dataclasses import dataclass, field
 
 from priorfill.methods.gpr.gap_segments import SegmentBatch
 from priorfill.methods.gpr.sources.simulated_gaps import SimulatedGapOptions
-from priorfill.runtime.data_class import dataclass
 from priorfill.runtime.option_checks import check_at_least, check_between
 
 __all__ = ["DatabaseTrainingOptions", "TrainingOptions"]

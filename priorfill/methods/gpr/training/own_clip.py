@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import accumulate, pairwise
 
 import numpy as np
@@ -19,7 +19,6 @@ from priorfill.methods.gpr.training.lagged_poses import complete_lagged
 from priorfill.methods.gpr.training.options import TrainingOptions
 from priorfill.methods.gpr.training.subject_correlation import SubjectCorrelationOptions
 from priorfill.methods.task import MIRROR_IMAGE, THIS_CLIP, Task
-from priorfill.runtime.data_class import dataclass
 
 __all__ = ["OwnClipProblem", "OwnClipProblems"]
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +15,6 @@ from priorfill.methods.gpr.pose_search import PoseSearch
 from priorfill.methods.gpr.training.own_clip import OwnClipProblem, OwnClipProblems
 from priorfill.methods.gpr.training.with_database import problem_with_database
 from priorfill.methods.task import MIRROR_IMAGE, Task
-from priorfill.runtime.data_class import dataclass
 
 __all__ = ["TrainingPlan", "TrainingPlanner"]
 

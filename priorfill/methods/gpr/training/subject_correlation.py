@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.methods.task import THIS_CLIP
-from priorfill.runtime.data_class import dataclass
 from priorfill.runtime.option_checks import check_at_least, check_between
 from priorfill.search.takes import Take
 

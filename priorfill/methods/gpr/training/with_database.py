@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +24,6 @@ from priorfill.methods.gpr.training.subject_correlation import (
 )
 from priorfill.methods.gpr.training.subject_offsets import subject_offsets
 from priorfill.methods.task import MIRROR_IMAGE, THIS_CLIP, Task, take_names
-from priorfill.runtime.data_class import dataclass
 from priorfill.runtime.elementary import log
 from priorfill.search.bank import PoseBank
 
