@@ -24,7 +24,6 @@ from priorfill.errors import OutputError
 from priorfill.runtime.display import escaped
 
 if TYPE_CHECKING:
-    from rich.console import Console
     from rich.table import Table
 
 __all__ = [
@@ -163,69 +162,27 @@ def print_table(columns: Sequence[str], rows: Iterable[Sequence[str]], title: st
     title : str
         Printed above the table.
     """
+    from rich.console import Console
+
     # what the output lacks is replaced before the widths of columns are known
     names = ["\n".join(map(_in_table, name.split("\n"))) for name in columns]
     cells = [[_in_table(cell) for cell in row] for row in rows]
+    console = Console(file=sys.stdout, width=None if sys.stdout.isatty() else WIDTH)
     if title:
         print_line(title)
-    width = _console().width if sys.stdout.isatty() else WIDTH
-    parts, least = _layout(names, cells, width)
+    parts, least = _layout(names, cells, console.width)
     for number, part in enumerate(parts):
         if number:
             print_line()
-        shown = (
+        shown = _table(
             [names[i] for i in part],
             [[row[i] for i in part] for row in cells],
             [least[i] for i in part],
         )
-        for line in _plain_lines(*shown) or _styled_lines(*shown):
-            _write(line.rstrip())
-
-
-def _plain_lines(
-    names: Sequence[str], cells: Sequence[Sequence[str]], least: Sequence[int]
-) -> list[str]:
-    """Return the lines of a table that needs neither styles nor wrapping; none for others.
-
-    They are those of `_styled_lines`; the import of rich takes 0.03 s, a tenth of a short fill.
-    """
-    if sys.stdout.isatty():
-        return []
-    columns = []
-    for i, (name, width) in enumerate(zip(names, least, strict=True)):
-        lines = name.removesuffix(">").split("\n")
-        texts = [*lines, *(row[i] for row in cells)]
-        if not all(text.isascii() and text == text.strip(" ") for text in texts):
-            return []  # wide characters have two columns
-        columns.append((lines, name.endswith(">"), max([width, *map(len, texts)])))
-    if sum(width for _, _, width in columns) + GAP * (len(columns) - 1) > WIDTH:
-        return []
-    height = max(len(lines) for lines, _, _ in columns)
-    headers = [[""] * (height - len(lines)) + lines for lines, _, _ in columns]
-    return [
-        (" " * GAP).join(
-            text.rjust(width) if right else text.ljust(width)
-            for text, (_, right, width) in zip(row, columns, strict=True)
-        )
-        for row in [*zip(*headers, strict=True), *cells]
-    ]
-
-
-def _styled_lines(
-    names: Sequence[str], cells: Sequence[Sequence[str]], least: Sequence[int]
-) -> list[str]:
-    """Return the lines of a table, with the styles of its header on a terminal."""
-    console = _console()
-    with _errors_explained(), console.capture() as capture:
-        console.print(_table(names, cells, least))
-    return capture.get().splitlines()
-
-
-def _console() -> Console:
-    """Return the output as rich writes to it."""
-    from rich.console import Console
-
-    return Console(file=sys.stdout, width=None if sys.stdout.isatty() else WIDTH)
+        with _errors_explained(), console.capture() as capture:
+            console.print(shown)
+        for line in capture.get().splitlines():
+            _write(line.rstrip())  # with the styles of the table's header on a terminal
 
 
 def _shown(text: str, longest: int) -> str:
@@ -267,20 +224,13 @@ def _layout(
 
 def _needed(name: str, cells: Sequence[str], longest: int) -> int:
     """Return the least width of a column: numbers stay in one piece, texts are wrapped."""
-    header = max(_cell_len(piece) for piece in name.removesuffix(">").split("\n"))
-    if name.endswith(">"):
-        return min(max([header, *map(_cell_len, cells)]), MAX_WORD)
-    words = [_cell_len(word) for cell in cells for word in cell.split(" ")]
-    return max(header, min(max(words, default=0), longest))
-
-
-def _cell_len(text: str) -> int:
-    """Return the number of columns in which a terminal shows a text."""
-    if text.isascii():
-        return len(text)
     from rich.cells import cell_len
 
-    return cell_len(text)
+    header = max(cell_len(piece) for piece in name.removesuffix(">").split("\n"))
+    if name.endswith(">"):
+        return min(max([header, *map(cell_len, cells)]), MAX_WORD)
+    words = [cell_len(word) for cell in cells for word in cell.split(" ")]
+    return max(header, min(max(words, default=0), longest))
 
 
 def _table(names: Sequence[str], cells: Sequence[Sequence[str]], least: Sequence[int]) -> Table:
