@@ -51,7 +51,12 @@ class RootFrames:
 
     def to_local(self, positions: NDArray[np.floating]) -> NDArray[np.float64]:
         """Transform world positions [shape=(frames, markers, 3), mm] into the root frames."""
-        local: NDArray[np.float64] = (positions - self.origin[:, None, :]) @ self.rotation
+        from priorfill.geometry.alignment_kernels import to_local  # numba is slow to import
+
+        points = np.ascontiguousarray(positions, dtype=np.float64)
+        local = np.empty(points.shape)
+        origin, rotation = np.ascontiguousarray(self.origin), np.ascontiguousarray(self.rotation)
+        to_local(points, origin, rotation, local)
         return local
 
     def to_world(self, positions: NDArray[np.floating]) -> NDArray[np.float64]:
@@ -86,13 +91,29 @@ class RootGroup:
         return RootGroup(tuple(int(c) for c in columns), self.template)
 
 
-def _centred(
-    points: NDArray[np.float64], template: NDArray[np.float64], weights: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return the weighted centroids, and points and template relative to theirs."""
+def _moments(
+    points: NDArray[np.float64],
+    template: NDArray[np.float64],
+    weights: NDArray[np.float64] | None,
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the weighted centroids of poses, and their covariances with a template.
+
+    Returns
+    -------
+    origin : ndarray [shape=(frames, 3), mm]
+    covariance : ndarray [shape=(frames, 3, 3), mm²]
+        Sums of products of a coordinate of the pose (row) and one of the template (column).
+    """
+    from priorfill.geometry.alignment_kernels import centroids_and_covariances
+
+    if weights is None:
+        weights = np.ones(len(template))
     share = weights / weights.sum()
-    origin = np.einsum("g,fgi->fi", share, points)
-    return origin, points - origin[:, None, :], template - share @ template
+    shape = np.ascontiguousarray(template - share @ template)
+    both = np.empty((len(points), 4, 3))
+    given = np.ascontiguousarray(points, dtype=np.float64)
+    centroids_and_covariances(given, shape, np.ascontiguousarray(weights), share, both)
+    return both[:, 0].copy(), both[:, 1:].copy()
 
 
 def about_vertical(cosine: NDArray[np.float64], sine: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -158,12 +179,9 @@ def heading_frames(
     array([[[-100.,    0.,    0.],
             [ 100.,    0.,    0.]]])
     """
-    if weights is None:
-        weights = np.ones(len(template))
-    origin, centred, shape = _centred(points, template, weights)
-    x, y = centred[..., 0], centred[..., 1]  # (frames, group)
-    sine = (y * shape[:, 0] - x * shape[:, 1]) @ weights
-    cosine = (x * shape[:, 0] + y * shape[:, 1]) @ weights
+    origin, covariance = _moments(points, template, weights)
+    sine = covariance[:, 1, 0] - covariance[:, 0, 1]
+    cosine = covariance[:, 0, 0] + covariance[:, 1, 1]
     return RootFrames(origin, about_vertical(cosine, sine))
 
 
@@ -181,10 +199,7 @@ def rigid_frames(
     # slow to import; LAPACK's singular vectors differ between its builds in the last bits
     from priorfill.geometry.rotation_kernels import nearest_rotations
 
-    if weights is None:
-        weights = np.ones(len(template))
-    origin, centred, shape = _centred(points, template, weights)
-    covariance = np.einsum("g,fgi,gj->fij", weights, centred, shape)
+    origin, covariance = _moments(points, template, weights)
     rotation = np.empty(covariance.shape)
     nearest_rotations(covariance, rotation)
     return RootFrames(origin, rotation)
