@@ -28,7 +28,7 @@ from priorfill.clip import Clip
 from priorfill.database import ClipOrigin, PriorDatabase
 from priorfill.errors import OptionError, OutputError
 from priorfill.formats import read, write
-from priorfill.methods.gpr.dropout import DropoutOptions
+from priorfill.methods.gpr.dropout.options import DropoutOptions
 
 GAPS = ((60, 90, ARM), (200, 240, ("LKNE",)))
 

@@ -23,7 +23,7 @@ from priorfill.filling.fill_clip import fill
 from priorfill.filling.plausibility_options import UNCHECKED
 from priorfill.filling.result import FilledGap, Result, UnfilledSpan
 from priorfill.gp.calibration import BOUND_FACTOR, MEAN_FACTOR
-from priorfill.methods.gpr.dropout import DropoutOptions
+from priorfill.methods.gpr.dropout.options import DropoutOptions
 from priorfill.methods.gpr.prediction import SegmentPrediction
 from priorfill.methods.task import Estimate, Note
 from priorfill.runtime.threads import VARIABLE, thread_count

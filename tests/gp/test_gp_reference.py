@@ -26,12 +26,13 @@ from priorfill.gp.kernels import Matern32, Matern52, Matern72
 from priorfill.gp.pose_process import PoseProcess
 from priorfill.gp.problem import GPModel, PoseSamples, RegressionProblem
 from priorfill.gp.process import FittedGP
-from priorfill.methods.gpr.blackout import BlackoutOptions
 from priorfill.methods.gpr.blackout.correction import correct_from_edges
+from priorfill.methods.gpr.blackout.options import BlackoutOptions
 from priorfill.methods.gpr.blackout.windows import BlackoutWindows
-from priorfill.methods.gpr.dropout import DropoutOptions, predict_from_donors
+from priorfill.methods.gpr.dropout import predict_from_donors
 from priorfill.methods.gpr.dropout.donors import Donor
 from priorfill.methods.gpr.dropout.marker_coupling import MarkerCoupling
+from priorfill.methods.gpr.dropout.options import DropoutOptions
 from priorfill.methods.gpr.training.options import DatabaseTrainingOptions
 from priorfill.methods.task import THIS_CLIP
 from priorfill.signal.gp_interpolation import interpolate_gap, interpolation_weights

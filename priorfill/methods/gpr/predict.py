@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
-from typing import Any
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,8 +14,6 @@ from priorfill.constraints.rigid_pairs import hold_rigid_pairs
 from priorfill.constraints.segment_lengths import choose_length_edges, hold_lengths
 from priorfill.constraints.velocity_fusion import fuse_velocity
 from priorfill.gp.ensemble import Regression, regress
-from priorfill.methods.gpr.blackout import BlackoutPredictor
-from priorfill.methods.gpr.dropout import DropoutPredictor
 from priorfill.methods.gpr.gap_segments import GapSegment, SegmentBatch
 from priorfill.methods.gpr.options import GPROptions
 from priorfill.methods.gpr.pose_search import PoseSearch
@@ -26,6 +25,10 @@ from priorfill.methods.gpr.training.plan import TrainingPlan, TrainingPlanner
 from priorfill.methods.task import Task
 from priorfill.signal.gp_interpolation import interpolate_gap
 from priorfill.signal.lone_samples import interpolate_marker
+
+if TYPE_CHECKING:
+    from priorfill.methods.gpr.blackout.fill_blackouts import BlackoutPredictor
+    from priorfill.methods.gpr.dropout.fill_dropouts import DropoutPredictor
 
 __all__ = ["SegmentPredictor"]
 
@@ -53,14 +56,26 @@ class SegmentPredictor:
         self.map_function: Callable[..., Any] = map
         self._margin = margin
         self._options = options
-        search = PoseSearch(task, options.search)
-        self._planner = TrainingPlanner(task, search, margin, options)
+        self._search = PoseSearch(task, options.search)
+        self._planner = TrainingPlanner(task, self._search, margin, options)
         self._windows = GapWindows(
-            task, search, options.gap_windows, options.training.database.rate
+            task, self._search, options.gap_windows, options.training.database.rate
         )
-        self._dropouts = DropoutPredictor(task, options.dropout)
-        self._blackouts = BlackoutPredictor(
-            task, search, options.blackout, options.correlation, options.interpolation
+
+    # Their modules, which most fills do not need, take 0.02 s to import.
+    @cached_property
+    def _dropouts(self) -> DropoutPredictor:
+        from priorfill.methods.gpr.dropout.fill_dropouts import DropoutPredictor
+
+        return DropoutPredictor(self.task, self._options.dropout)
+
+    @cached_property
+    def _blackouts(self) -> BlackoutPredictor:
+        from priorfill.methods.gpr.blackout.fill_blackouts import BlackoutPredictor
+
+        of_subjects, over_time = self._options.correlation, self._options.interpolation
+        return BlackoutPredictor(
+            self.task, self._search, self._options.blackout, of_subjects, over_time
         )
 
     def predict_batch(

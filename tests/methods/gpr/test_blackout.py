@@ -17,16 +17,13 @@ from priorfill.filling.fill_clip import fill
 from priorfill.filling.fill_options import FillOptions
 from priorfill.filling.result import Result
 from priorfill.geometry.root_frames import RootGroup, root_group
-from priorfill.methods.gpr.blackout import (
-    BlackoutOptions,
-    MirrorImage,
-    WindowSources,
-    predict_blackout,
-)
 from priorfill.methods.gpr.blackout.curves import (
     decaying_velocity_curves,
     gaussian_process_curves,
 )
+from priorfill.methods.gpr.blackout.options import BlackoutOptions
+from priorfill.methods.gpr.blackout.predict_blackout import predict_blackout
+from priorfill.methods.gpr.blackout.windows import MirrorImage, WindowSources
 
 TRUTH = person(seconds=6.0)
 SLOW = person(seconds=8.0, rate=30.0)

@@ -15,7 +15,8 @@ from priorfill.errors import ClipError, OptionError
 from priorfill.filling.fill_clip import fill
 from priorfill.geometry.axes import from_upright
 from priorfill.markers.discover import discover
-from priorfill.methods.gpr.dropout import DropoutOptions, DropoutPredictor
+from priorfill.methods.gpr.dropout.fill_dropouts import DropoutPredictor
+from priorfill.methods.gpr.dropout.options import DropoutOptions
 from priorfill.methods.task import Task
 from priorfill.search.takes import same_subject_take
 

@@ -15,8 +15,8 @@ from priorfill.filling.fill_clip import fill
 from priorfill.gaps import gap_groups
 from priorfill.gp.problem import RegressionProblem
 from priorfill.markers.describe import describe
-from priorfill.methods.gpr.blackout import BlackoutOptions
 from priorfill.methods.gpr.blackout.database_windows import DatabaseWindows, similar_windows
+from priorfill.methods.gpr.blackout.options import BlackoutOptions
 from priorfill.methods.gpr.gap_segments import GapSegment, SegmentBatch
 from priorfill.methods.gpr.options import GPROptions
 from priorfill.methods.gpr.pose_search import PoseSearch

@@ -13,22 +13,18 @@ from scipy.optimize import minimize_scalar
 
 from priorfill.geometry.root_frames import root_group
 from priorfill.markers.describe import describe
-from priorfill.methods.gpr.blackout import (
-    BlackoutOptions,
-    BlackoutPredictor,
-    MirrorImage,
-    WindowSources,
-    predict_blackout,
-)
 from priorfill.methods.gpr.blackout.body_size import compare_sizes, constant_distances
 from priorfill.methods.gpr.blackout.context_noise import match_noise
 from priorfill.methods.gpr.blackout.correction import _left_out_together, correct_from_edges
 from priorfill.methods.gpr.blackout.curves import interpolate_correction
 from priorfill.methods.gpr.blackout.database_windows import DatabaseWindows
 from priorfill.methods.gpr.blackout.edge_features import edge_features
+from priorfill.methods.gpr.blackout.fill_blackouts import BlackoutPredictor
+from priorfill.methods.gpr.blackout.options import BlackoutOptions
 from priorfill.methods.gpr.blackout.predict_blackout import (
     _error_without_windows,
     _from_windows,
+    predict_blackout,
 )
 from priorfill.methods.gpr.blackout.stacking import combine_curves, stacking_weights
 from priorfill.methods.gpr.blackout.window_layout import WindowLayout
@@ -36,6 +32,8 @@ from priorfill.methods.gpr.blackout.windows import (
     FIRST_TAKE,
     OWN,
     BlackoutWindows,
+    MirrorImage,
+    WindowSources,
     collect_windows,
 )
 from priorfill.methods.gpr.gap_segments import GapSegment

@@ -20,9 +20,11 @@ from priorfill.geometry.distances import pooled_distances
 from priorfill.geometry.root_frames import heading_frames, rigid_frames
 from priorfill.gp.features import MIN_ALIGNMENT_WEIGHT
 from priorfill.markers.describe import describe
-from priorfill.methods.gpr.dropout import DropoutOptions, DropoutPredictor, MultiSubjectKernel
 from priorfill.methods.gpr.dropout.donors import Donor, Donors
+from priorfill.methods.gpr.dropout.fill_dropouts import DropoutPredictor
 from priorfill.methods.gpr.dropout.marker_coupling import MarkerCoupling
+from priorfill.methods.gpr.dropout.multi_subject_kernel import MultiSubjectKernel
+from priorfill.methods.gpr.dropout.options import DropoutOptions
 from priorfill.methods.gpr.dropout.predict_from_donors import (
     predict_from_donors,
     predict_with_each_model,

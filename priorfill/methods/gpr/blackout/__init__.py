@@ -20,17 +20,3 @@ References
 ----------
 .. [RW06] Rasmussen and Williams, Gaussian Processes for Machine Learning, MIT Press 2006.
 """
-
-from priorfill.methods.gpr.blackout.fill_blackouts import BlackoutPredictor
-from priorfill.methods.gpr.blackout.options import BlackoutOptions
-from priorfill.methods.gpr.blackout.predict_blackout import BlackoutPrediction, predict_blackout
-from priorfill.methods.gpr.blackout.windows import MirrorImage, WindowSources
-
-__all__ = [
-    "BlackoutOptions",
-    "BlackoutPrediction",
-    "BlackoutPredictor",
-    "MirrorImage",
-    "WindowSources",
-    "predict_blackout",
-]

@@ -44,7 +44,7 @@ class BlackoutPredictor:
 
     See Also
     --------
-    priorfill.methods.gpr.dropout.DropoutPredictor : Where other markers are visible.
+    priorfill.methods.gpr.dropout.fill_dropouts.DropoutPredictor : Where other markers are visible.
     """
 
     def __init__(

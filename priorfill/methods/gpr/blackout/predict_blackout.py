@@ -94,7 +94,7 @@ def predict_blackout(
 
     See Also
     --------
-    priorfill.methods.gpr.blackout.BlackoutPredictor : Predicts the blackouts of a task.
+    priorfill.methods.gpr.blackout.fill_blackouts : Prediction of the blackouts of a task.
     """
     clip = sources.clip
     known = ~np.isnan(clip[..., 0])

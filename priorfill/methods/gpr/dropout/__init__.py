@@ -16,9 +16,3 @@ mirror image (`MultiSubjectKernel`). The expected error is cross-validated by ho
 subject at a time; each is predicted from the others and, as the clip is, from its own mirror image.
 Several models, one for each alignment and kernel, are weighted by their held-out errors.
 """
-
-from priorfill.methods.gpr.dropout.fill_dropouts import DropoutPrediction, DropoutPredictor
-from priorfill.methods.gpr.dropout.multi_subject_kernel import MultiSubjectKernel
-from priorfill.methods.gpr.dropout.options import DropoutOptions
-
-__all__ = ["DropoutOptions", "DropoutPrediction", "DropoutPredictor", "MultiSubjectKernel"]

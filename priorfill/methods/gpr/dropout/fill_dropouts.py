@@ -62,7 +62,7 @@ class DropoutPredictor:
 
     See Also
     --------
-    priorfill.methods.gpr.blackout.BlackoutPredictor : Where too few other markers are visible.
+    priorfill.methods.gpr.blackout.fill_blackouts : Where too few other markers are visible.
     """
 
     def __init__(self, task: Task, options: DropoutOptions) -> None:
