@@ -9,7 +9,7 @@ from itertools import accumulate, pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from priorfill.geometry.mirror import mirrored
+from priorfill.geometry.mirror import reflected
 from priorfill.geometry.poses import evenly_spaced
 from priorfill.gp.problem import GPModel, PoseSamples, RegressionProblem
 from priorfill.methods.gpr.ensembles import lags_of
@@ -300,14 +300,18 @@ class OwnClipProblems:
         """
         inside = np.clip(frames, 0, len(source) - 1)
         positions = source[np.ix_(inside, markers)]
-        if image.any():
-            positions = np.where(image, self._image(inside, markers), positions)
+        rows = np.flatnonzero(image)
+        if len(rows):
+            positions[rows] = self._image(inside[rows], markers)
         positions[(frames < 0) | (frames >= len(source))] = np.nan
         return positions
 
     def _image(self, frames: NDArray[np.intp], markers: NDArray[np.intp]) -> NDArray[np.float64]:
         """Return markers of the mirror image in some frames; NaN where it lacks them."""
-        return mirrored(self._task.positions[frames], self._task.contralateral)[:, markers]
+        contralateral = self._task.contralateral[markers]
+        image = reflected(self._task.positions[np.ix_(frames, contralateral)])
+        image[:, contralateral < 0] = np.nan
+        return image
 
 
 @dataclass(frozen=True, eq=False)
