@@ -82,12 +82,12 @@ def logarithms(values: NDArray[np.float64], result: NDArray[np.float64]) -> None
         if not 0.0 < x < np.inf:
             result[i] = -np.inf if x == 0.0 else np.inf if x > 0.0 else np.nan
             continue
-        exponent = 0
+        raised = 0
         if x < LEAST_NORMAL:
             x *= 2.0**RAISE
-            exponent = -RAISE
+            raised = RAISE
         bits = np.float64(x).view(np.int64)
-        exponent += (bits >> MANTISSA) - (BIAS - 1)
+        exponent = (bits >> MANTISSA) - (BIAS - 1) - raised
         fraction = (bits & ((1 << MANTISSA) - 1)) | ((BIAS - 1) << MANTISSA)
         mantissa = np.int64(fraction).view(np.float64)  # 0.5 to 1
         if mantissa < SQRT_HALF:
