@@ -82,6 +82,32 @@ def test_help_is_cheap():
         assert loaded_after(statement) == set()
 
 
+UNNEEDED = (
+    "database.prior_database",
+    "methods.gpr.blackout.fill_blackouts",
+    "methods.gpr.dropout.fill_dropouts",
+    "report.page",
+    "report.plots",
+)
+"""Modules with some tens of others, which take 0.01 to 0.02 s each."""
+
+
+def test_a_fill_imports_what_it_needs(tmp_path: Path) -> None:
+    pf.write(tmp_path / "in.npz", make_demo_clip()[1])
+    code = (
+        "import sys\nfrom priorfill.cli import main\n"
+        "try: main(['fill', 'in.npz', '-o', 'out.npz', '--markers', 'LFIN'])\n"
+        "except SystemExit as end: assert end.code in (0, 3)\n"
+        f"print(*(m for m in {UNNEEDED} if f'priorfill.{{m}}' in sys.modules), sep='\\n')"
+    )
+    command = [sys.executable, "-c", code]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, cwd=tmp_path)
+    assert "out.npz" in done.stdout
+    assert done.stdout.splitlines()[-1] == ""
+    for module in UNNEEDED:
+        import_module(f"priorfill.{module}")  # there are such modules
+
+
 def test_slow_packages_are_seen_by_this_test():
     assert "scipy" in loaded_after("import scipy")
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 import zlib
 from datetime import UTC, datetime
 from importlib import metadata
@@ -13,13 +11,14 @@ from numpy.typing import NDArray
 
 from priorfill.clip import Clip
 from priorfill.database.catalogue_rows import CatalogueRow
+from priorfill.database.content_hash import content_hash
 from priorfill.database.record import ClipRecord
 from priorfill.database.segments import DTYPE
 from priorfill.database.sketch import sketch
 from priorfill.errors import ClipError, OptionError
 from priorfill.geometry.axes import to_upright
 
-__all__ = ["content_hash", "ingest", "stored_levels", "unpack_mask"]
+__all__ = ["ingest", "stored_levels", "unpack_mask"]
 
 MIN_RATE_RATIO = 0.5
 """Minimum rate of a clip, relative to the database's: below it, resampling would invent more than
@@ -31,9 +30,6 @@ MIN_FRAMES = 2
 MIN_EXTENT = 10.0
 """mm. Minimum diagonal of the box that some marker's path fills; even a person who stands still
 sways more within a few seconds."""
-
-BATCH_FRAMES = 1000
-"""Frames whose digest is computed at a time, without copies of the whole clip."""
 
 
 def ingest(
@@ -160,18 +156,6 @@ def stored_levels(clip: Clip, rate: float, levels: int) -> list[NDArray[np.float
             f"{clip.name}: is static (no marker moves by {MIN_EXTENT:g} mm); add clips with motion"
         )
     return stored
-
-
-def content_hash(clip: Clip) -> str:
-    """Return the SHA-256 of a clip's labels, rate and positions."""
-    digest = hashlib.sha256()
-    digest.update(json.dumps([clip.labels, clip.rate]).encode())
-    for start in range(0, clip.frames, BATCH_FRAMES):
-        positions = clip.positions[start : start + BATCH_FRAMES]
-        # NaN has many bit patterns, and they all mean missing
-        alike = np.where(np.isnan(positions), np.nan, positions)
-        digest.update(np.ascontiguousarray(alike, dtype="<f8").data)
-    return digest.hexdigest()
 
 
 def _filled_at_level_0(clip: Clip, filled: NDArray[np.bool_], rate: float) -> NDArray[np.bool_]:

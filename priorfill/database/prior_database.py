@@ -19,11 +19,12 @@ from numpy.typing import NDArray
 from priorfill.clip import Clip
 from priorfill.database.catalogue import Catalogue, find_catalogue, successor
 from priorfill.database.catalogue_rows import CatalogueRow
+from priorfill.database.content_hash import content_hash
 from priorfill.database.convert import replaced_segments, unaccounted_bytes
 from priorfill.database.create_database import SEGMENTS, create_database
 from priorfill.database.database_lock import LOCK, DatabaseLock
 from priorfill.database.database_text import database_html, database_line
-from priorfill.database.ingest import content_hash, ingest, stored_levels, unpack_mask
+from priorfill.database.ingest import ingest, stored_levels, unpack_mask
 from priorfill.database.manifest import FORMAT_VERSION, MANIFEST, Manifest, read_manifest
 from priorfill.database.near_duplicates import RATE_TOLERANCE, same_motion
 from priorfill.database.record import (

@@ -5,9 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
+from typing import TYPE_CHECKING
 
-from priorfill.database.record import ClipRecord
 from priorfill.runtime.option_checks import check_not_text
+
+if TYPE_CHECKING:
+    from priorfill.database.record import ClipRecord
 
 __all__ = ["Selection"]
 

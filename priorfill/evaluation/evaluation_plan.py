@@ -10,7 +10,7 @@ from typing import Any
 
 from priorfill.clip import Clip
 from priorfill.database import PriorDatabase, Selection
-from priorfill.database.ingest import content_hash
+from priorfill.database.content_hash import content_hash
 from priorfill.errors import ClipError, OptionError
 from priorfill.evaluation.body_parts import parts_of
 from priorfill.evaluation.gap_case import EvaluatedClip, GapCase

@@ -6,17 +6,19 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from priorfill.artefacts import without_artefacts
 from priorfill.clip import Clip
-from priorfill.database import ClipRecord, PriorDatabase
 from priorfill.errors import DuplicateClipError, OutputError
 from priorfill.filling.result import Result
 from priorfill.formats import format_of, read
 from priorfill.runtime.argument_types import check_path, check_result
+
+if TYPE_CHECKING:
+    from priorfill.database import ClipRecord
 
 __all__ = ["AddedClip", "add_result", "can_create_database"]
 
@@ -105,6 +107,8 @@ def add_result(
     >>> added.record.name, added.record.filled_by
     ('synthetic_demo', 'linear')
     """
+    from priorfill.database import PriorDatabase
+
     if not isinstance(database, PriorDatabase):
         check_path("database", database)
     check_result(result)
@@ -151,6 +155,8 @@ def add_subject(
     interpolated = None if source is None else source.interpolated
     filled = result.filled if interpolated is None else np.logical_or(result.filled, interpolated)
     subject = result.clip.subject
+    from priorfill.database import PriorDatabase
+
     with PriorDatabase.open_or_create(database) as opened:
         try:
             if not result.filled.any():  # nothing to accept, but a recording to learn from

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
 
 from priorfill.clip import Clip
-from priorfill.database import ClipRecord, PriorDatabase
 from priorfill.errors import DatabaseCorruptError
 from priorfill.filling.fill_options import FillOptions
 from priorfill.markers.marker_set import MarkerSet
 from priorfill.search.takes import Take, takes_from
+
+if TYPE_CHECKING:
+    from priorfill.database import ClipRecord, PriorDatabase
 
 __all__ = ["DatabaseTakes"]
 

@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypedDict, Unpack, cast
+from typing import TYPE_CHECKING, Any, TypedDict, Unpack, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from priorfill.clip import MAX_NAME, Clip, blank_incomplete_samples
-from priorfill.database import PriorDatabase
 from priorfill.errors import ClipError, escaped
 from priorfill.filling.fill_clip import fill
 from priorfill.filling.fill_options import FillOptions
@@ -25,6 +24,9 @@ from priorfill.formats.units import UNITS, find_unit
 from priorfill.formats.up_axis import find_up_axis
 from priorfill.gp.calibration import MEAN_FACTOR
 from priorfill.runtime.argument_types import check_number, check_type
+
+if TYPE_CHECKING:
+    from priorfill.database import PriorDatabase
 
 __all__ = ["ArrayAxes", "ArrayKeywords", "FilledArray", "fill_array", "find_axes"]
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import accumulate
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,6 @@ from threadpoolctl import threadpool_limits
 
 from priorfill.artefacts import Artefact, find_artefacts, without_artefacts
 from priorfill.clip import Clip
-from priorfill.database import PriorDatabase
 from priorfill.errors import DatabaseCorruptError, OptionError
 from priorfill.filling.apply_overrides import MethodRun, join_runs, plan_runs
 from priorfill.filling.assemble import filled_samples, restore_rejected, sum_up_gaps
@@ -62,6 +61,9 @@ from priorfill.methods.task import Estimate, Progress, Task
 from priorfill.runtime.argument_types import check_type
 from priorfill.runtime.option_texts import seconds_of
 from priorfill.search.takes import Take
+
+if TYPE_CHECKING:
+    from priorfill.database import PriorDatabase
 
 __all__ = ["fill"]
 
@@ -164,6 +166,8 @@ def fill(
     others = assign_same_subject(clips, same_subject)
     with ExitStack() as stack:
         if isinstance(database, (str, Path)):
+            from priorfill.database import PriorDatabase
+
             database = stack.enter_context(
                 PriorDatabase.open(database, state=settings.options.database_state)
             )
@@ -201,8 +205,12 @@ def _check_types(
     """Check arguments of `fill` that may be None but for the method."""
     check_type("method", method, str, "the name of a method")
     path = (str, Path)
+    if database is not None:
+        from priorfill.database import PriorDatabase  # 0.02 s that fills without one need not pay
+
+        remedy = "the folder of one, or a PriorDatabase"
+        check_type("database", database, (*path, PriorDatabase), remedy)
     for name, value, kinds, remedy in (
-        ("database", database, (*path, PriorDatabase), "the folder of one, or a PriorDatabase"),
         ("gap_filter", gap_filter, GapFilter, "a GapFilter"),
         ("overrides", overrides, (*path, Overrides), "the path of a file, or Overrides"),
         ("options", options, FillOptions, "FillOptions"),

@@ -1,7 +1,8 @@
 """Files that are written in addition to a filled clip: all of them with it, or none.
 
 Each is checked before the fill, written under a temporary name after it, and renamed when all
-others are complete.
+others are complete. What writes plots and pages is imported where they are wanted: its 18 modules
+take 0.01 s.
 """
 
 from __future__ import annotations
@@ -17,9 +18,6 @@ from priorfill.errors import SameFileError
 from priorfill.filling.overrides_file import check_overrides_file, overrides_file
 from priorfill.filling.overrides_template import overrides_template
 from priorfill.filling.uncertainty_file import check_uncertainty, uncertainty_file
-from priorfill.report.plots import check_plot, plot_files
-from priorfill.report.report_data import PageContents
-from priorfill.report.report_file import check_report, report_file
 from priorfill.runtime.atomic_file import is_same_file
 
 if TYPE_CHECKING:
@@ -92,21 +90,30 @@ def _write_uncertainty(path: Path, filled: WhatWasFilled) -> Iterator[tuple[Path
 
 
 def _check_report(path: Path, source: Path, files: FileOptions) -> None:
+    from priorfill.report.report_file import check_report
+
     check_report(path, sources=(source,), overwrite=files.overwrite)
 
 
 @contextmanager
 def _write_report(path: Path, filled: WhatWasFilled) -> Iterator[tuple[Path, ...]]:
+    from priorfill.report.report_data import PageContents
+    from priorfill.report.report_file import report_file
+
     contents = PageContents(before=filled.clips)
     with report_file(path, filled.result, contents, overwrite=filled.files.overwrite):
         yield (path,)
 
 
 def _check_plot(path: Path, source: Path, files: FileOptions) -> None:
+    from priorfill.report.plots import check_plot
+
     check_plot(path, gaps=files.plot_gaps, source=source, overwrite=files.overwrite)
 
 
 def _write_plot(path: Path, filled: WhatWasFilled) -> AbstractContextManager[tuple[Path, ...]]:
+    from priorfill.report.plots import plot_files
+
     files = filled.files
     return plot_files(path, filled.result, gaps=files.plot_gaps, overwrite=files.overwrite)
 

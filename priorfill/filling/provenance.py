@@ -11,12 +11,12 @@ from functools import lru_cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from priorfill.clip import Clip
-from priorfill.database import ClipRecord, PriorDatabase, Selection
-from priorfill.database.ingest import content_hash
+from priorfill.database.content_hash import content_hash
 from priorfill.database.manifest import read_manifest
+from priorfill.database.selection import Selection
 from priorfill.errors import FormatError, MarkerSetError
 from priorfill.filling.fill_options import FillOptions
 from priorfill.filling.gap_filter import GapFilter
@@ -26,6 +26,9 @@ from priorfill.markers.definitions import load
 from priorfill.markers.marker_set import MarkerSet
 from priorfill.runtime.field_types import check_field_types
 from priorfill.runtime.option_texts import Duration
+
+if TYPE_CHECKING:
+    from priorfill.database import ClipRecord, PriorDatabase
 
 __all__ = [
     "ClipIdentity",

@@ -10,7 +10,7 @@ import numpy as np
 from priorfill.artefacts import without_artefacts
 from priorfill.artefacts.artefact import LABEL_SWAP
 from priorfill.database import ClipOrigin, PriorDatabase
-from priorfill.database.ingest import content_hash
+from priorfill.database.content_hash import content_hash
 from priorfill.errors import ClipError, DuplicateClipError, FormatError
 from priorfill.filling.multi_subject import read_subjects
 from priorfill.filling.plausibility import CRITERIA

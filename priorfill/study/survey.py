@@ -213,7 +213,7 @@ def survey_clips(clips: tuple[Clip, ...]) -> tuple[SurveyedSubject, ...]:
 
 def _survey_clip(clip: Clip) -> SurveyedSubject:
     """Return the facts of a clip."""
-    from priorfill.database.ingest import content_hash
+    from priorfill.database.content_hash import content_hash
     from priorfill.database.subject_names import subject_name
     from priorfill.gaps import find_gaps
     from priorfill.markers.body_measures import body_measures

@@ -9,7 +9,7 @@ import pytest
 from gappy import person, with_gaps
 
 from priorfill import formats
-from priorfill.database.ingest import content_hash
+from priorfill.database.content_hash import content_hash
 from priorfill.study.survey import Survey, survey_file
 
 
