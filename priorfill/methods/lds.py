@@ -60,6 +60,9 @@ MAX_EXCURSION = 1000.0
 """mm. How far a fill may be outside the range of the marker's measured positions: a limb may leave
 this range, but by no more than its length."""
 
+MAX_STATE = 1e100
+"""Hidden states beyond this have diverged: sums of their squares would overflow in the M-step."""
+
 DIVERGED = (
     "the fitted system diverges by more than a metre from the marker's measured range; use auto"
 )
@@ -428,12 +431,14 @@ def fit(
     observations = Observations(observed)
     min_variance = options.min_sd**2
     model = initial_model(observed, options.hidden_dimensions, min_variance)
-    smoothed = smooth(model, observations)
+    smoothed = _smoothed(model, observations)
     for _ in range(options.max_iterations):
         if report is not None:
             report(smoothed.likelihood)
+        if not np.abs(smoothed.means).max() < MAX_STATE:
+            break
         better = _maximise(smoothed, observations, min_variance)
-        again = smooth(better, observations)
+        again = _smoothed(better, observations)
         gain = again.likelihood - smoothed.likelihood
         if not gain > 0.0:
             break
@@ -441,6 +446,12 @@ def fit(
         if gain <= options.tolerance * abs(smoothed.likelihood):
             break
     return model, smoothed
+
+
+def _smoothed(model: LdsModel, observations: Observations) -> SmoothedStates:
+    """Return the hidden states; those of an unstable system may be infinite or NaN."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        return smooth(model, observations)
 
 
 def fill(
@@ -476,11 +487,12 @@ def fill(
         middle = np.nanmean(observed, axis=0)
         step = task.samples / max(options.max_iterations, 1)
         model, smoothed = fit(observed - middle, options, lambda _: progress(step))
-        found = smoothed.means @ model.emission.T + middle
+        with np.errstate(over="ignore", invalid="ignore"):
+            found = smoothed.means @ model.emission.T + middle
         found = found.reshape(len(positions), -1, 3)
         low, high = (limit(positions[:, seen], axis=0) for limit in (np.nanmin, np.nanmax))
-        diverged = ((found < low - MAX_EXCURSION) | (found > high + MAX_EXCURSION)).any(axis=2)
-        found[diverged] = np.nan
+        inside = (found >= low - MAX_EXCURSION) & (found <= high + MAX_EXCURSION)
+        found[~inside.all(axis=2)] = np.nan
         positions[:, seen] = found
 
     def reason(gap: Gap) -> str:

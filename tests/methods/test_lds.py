@@ -240,3 +240,21 @@ def test_factors_of_matrices_that_rounding_made_indefinite():
     np.testing.assert_allclose(determinant, np.log(4.0))
     singular = np.diag([2.0, 0.0])
     np.testing.assert_allclose(lds._solved(singular, np.array([4.0, 0.0])), [2.0, 0.0])
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("growth", [1e60, 1e200])
+def test_states_that_overflow_are_left_missing(monkeypatch, growth):
+    initial = lds.initial_model
+
+    def unstable(*arguments):
+        found = initial(*arguments)
+        return replace(found, transition=growth * np.eye(len(found.transition)))
+
+    monkeypatch.setattr(lds, "initial_model", unstable)
+    positions = np.random.default_rng(0).normal(0.0, 100.0, (12, 4, 3))
+    whole = Clip(positions, ("A", "B", "C", "D"), 100.0)
+    clip = with_gaps(whole, (3, 12, whole.labels))
+    result = fill_unchecked(clip, method="lds")
+    assert not result.filled.any()
+    assert {span.reason for gap in result.gaps for span in gap.unfilled} == {lds.DIVERGED}
