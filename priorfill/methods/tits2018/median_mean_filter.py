@@ -44,6 +44,7 @@ def smooth(values: Array, window: int) -> Array:
     before, after = _visible_around(np.isnan(values[:, 0]))
     complete = (before >= back) & (after >= ahead)
     half = np.where(complete, 0, np.minimum(before, after))
+    reaches = sorted({reach for reach in half.tolist() if reach >= MIN_HALF_WINDOW})
     out = values
     for middle in (_median, _mean):
         smoothed = out.copy()
@@ -51,11 +52,10 @@ def smooth(values: Array, window: int) -> Array:
             windows = sliding_window_view(out, window, axis=0)
             at = np.flatnonzero(complete)
             smoothed[at] = middle(windows[at - back])
-        for reach in range(MIN_HALF_WINDOW, max(back, ahead) + 1):
+        for reach in reaches:
             at = np.flatnonzero(half == reach)
-            if len(at):
-                windows = sliding_window_view(out, 2 * reach + 1, axis=0)
-                smoothed[at] = middle(windows[at - reach])
+            windows = sliding_window_view(out, 2 * reach + 1, axis=0)
+            smoothed[at] = middle(windows[at - reach])
         out = smoothed
     return out
 
