@@ -7,6 +7,7 @@ protocols and the measures.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from numbers import Integral
 from pathlib import Path
 
 from priorfill.clip import Clip
@@ -27,6 +28,7 @@ from priorfill.evaluation.protocols import (
     make_protocol,
 )
 from priorfill.evaluation.runner import check_processes, run_plan
+from priorfill.runtime.argument_types import check_path, check_type
 
 __all__ = [
     "PROTOCOLS",
@@ -115,11 +117,17 @@ def evaluate(
     5699
     """
     for name, value in (("seed", seed), ("jobs", jobs)):
+        check_type(name, value, Integral, "a whole number")
         if value < 0:
             raise OptionError(f"`{name}` is {value}; give 0 or more")
     if jobs:
         check_processes()
+    check_type("options", options, (EvaluationOptions, type(None)), "EvaluationOptions")
     options = options or EvaluationOptions()
+    if output is not None:
+        check_path("output", output)
+    if not isinstance(database, PriorDatabase | None):
+        check_path("database", database)
     path = database.path if isinstance(database, PriorDatabase) else database
     plan = make_plan(
         [clips] if isinstance(clips, Clip) else clips,

@@ -33,6 +33,7 @@ from priorfill.markers.describe import describe
 from priorfill.markers.marker_set import MarkerSet
 from priorfill.methods import METHODS, resolve
 from priorfill.runtime.argument_types import check_type
+from priorfill.runtime.field_types import check_field_types
 from priorfill.runtime.option_texts import close_or_all
 
 __all__ = [
@@ -84,6 +85,10 @@ class EvaluationOptions:
     trust_filled: bool = False
     overwrite: bool = False
     progress: Callable[[int, int], None] | None = field(default=None, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        """Check the types."""
+        check_field_types(self)
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ from typing import Any
 from priorfill.errors import OptionError
 from priorfill.filling.fill_options import FillOptions
 from priorfill.reviewing.session import ReviewSession, SavedReview
+from priorfill.runtime.field_types import check_field_types
 
 __all__ = ["ReviewOptions", "review"]
 
@@ -61,7 +62,8 @@ class ReviewOptions:
     command: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        """Check the port."""
+        """Check the types and the port."""
+        check_field_types(self)
         if not 0 <= self.port <= MAX_PORT:
             raise OptionError(f"`port` is {self.port}; it must be 0 to {MAX_PORT}")
 

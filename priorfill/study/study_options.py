@@ -11,6 +11,7 @@ from pathlib import Path
 import psutil
 
 from priorfill.errors import OptionError
+from priorfill.runtime.field_types import check_field_types
 from priorfill.runtime.option_checks import check_at_least
 from priorfill.study.job import JobLimits
 
@@ -141,6 +142,7 @@ class StudyOptions:
 
     def __post_init__(self) -> None:
         """Check the options."""
+        check_field_types(self)
         if self.workers is not None:
             check_at_least(self, 1, "workers")
         if not self.time_limit > 0:
