@@ -70,12 +70,11 @@ def hold_out_blocks(
                     system[i, j] -= p * q
             for o in range(outputs):
                 residuals[start + i, o] = weights[samples[start + i], o]
-        square = system[:size, :size]
-        add_square(rows[:size, : count - first], square, blas)
-        if not (factor(square, blas) and invert(square, blas)):
+        add_square(rows, (size, count - first), system, blas)
+        if not (factor(system, size, blas) and invert(system, size, blas)):
             variance[start:stop] = np.nan
             continue
-        whiten_twice(square, residuals[start:stop], blas)
+        whiten_twice(system, residuals[start:stop], blas)
         for i in range(size):
             total = 0.0
             for k in range(i, size):

@@ -124,7 +124,7 @@ def inverse_root(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
     for jitter in (0.0, *JITTER):
         upper = np.array(covariance, dtype=np.float64, order="C")
         np.einsum("ii->i", upper)[:] += jitter * mean
-        if factor(upper, blas) and invert(upper, blas):
+        if factor(upper, len(upper), blas) and invert(upper, len(upper), blas):
             return np.triu(upper).T
     raise np.linalg.LinAlgError("a covariance matrix is not positive definite")
 

@@ -160,7 +160,7 @@ def fit_models(
     nothing = targets[:, :0]
     for model in range(start, len(fitted[0])):
         root, weights = fitted[0][model], fitted[1][model]
-        if not (factor(root, blas) and invert(root, blas)):
+        if not (factor(root, len(root), blas) and invert(root, len(root), blas)):
             return model
         for i in range(targets.shape[0]):
             for o in range(targets.shape[1]):

@@ -62,38 +62,38 @@ def blas_work() -> _Work:
 
 
 @compiled()
-def factor(matrix: _Floats, work: _Work) -> bool:
+def factor(matrix: _Floats, size: int, work: _Work) -> bool:
     """Replace the upper triangle of a matrix C by U, where U'U = C; the rest is not used.
 
-    The matrix may be a part of one. Returns whether C is positive definite.
+    The matrix is the first rows and columns of the given one. Returns whether C is positive
+    definite.
     """
-    work[0], work[1], work[2] = len(matrix), matrix.strides[0] // 8, 0
+    work[0], work[1], work[2] = size, matrix.shape[1], 0
     DPOTRF(work[LOWER], work[AT_0], matrix.ctypes.data, work[AT_1], work[AT_2])
     return bool(work[2] == 0)
 
 
 @compiled()
-def invert(matrix: _Floats, work: _Work) -> bool:
+def invert(matrix: _Floats, size: int, work: _Work) -> bool:
     """Replace an upper triangular matrix by its inverse; the rest is not used.
 
     The inverse of [[A, B], [0, C]] is [[inv(A), -inv(A) B inv(C)], [0, inv(C)]]. The last block is
-    inverted first. The matrix may be a part of one.
+    inverted first. The matrix is the first rows and columns of the given one.
 
     Returns whether it has an inverse.
     """
-    count = len(matrix)
-    block = BLOCK if count < LARGE else count
-    start = (max(count, 1) - 1) // block * block
-    work[0] = matrix.strides[0] // 8
-    stop = count
+    block = BLOCK if size < LARGE else size
+    start = (max(size, 1) - 1) // block * block
+    work[0] = matrix.shape[1]
+    stop = size
     address = matrix.ctypes.data
     while start >= 0:
-        work[1], work[2], work[3] = stop - start, count - stop, 0
+        work[1], work[2], work[3] = stop - start, size - stop, 0
         corner = address + 8 * (start * work[0] + start)
         DTRTRI(work[LOWER], work[PLAIN], work[AT_1], corner, work[AT_0], work[AT_3])
         if work[3] != 0:
             return False
-        if stop < count:
+        if stop < size:
             right = corner + 8 * (stop - start)
             for side in (LEFT, RIGHT):
                 after = side == LEFT
@@ -116,10 +116,10 @@ def invert(matrix: _Floats, work: _Work) -> bool:
 
 
 @compiled()
-def add_square(rows: _Floats, matrix: _Floats, work: _Work) -> None:
-    """Add A A' to the upper triangle of a matrix, A [shape=(a, b)]; both may be parts of one."""
-    work[0], work[1] = rows.shape
-    work[2], work[3] = rows.strides[0] // 8, matrix.strides[0] // 8
+def add_square(rows: _Floats, shape: tuple[int, int], matrix: _Floats, work: _Work) -> None:
+    """Add A A' to the upper triangle of a matrix; A has the first rows and columns of ``rows``."""
+    work[0], work[1] = shape
+    work[2], work[3] = rows.shape[1], matrix.shape[1]
     DSYRK(
         work[LOWER],
         work[TRANSPOSED],
@@ -155,11 +155,11 @@ def whiten(root: _Floats, rows: _Floats, work: _Work) -> None:
 
 @compiled()
 def whiten_twice(root: _Floats, columns: _Floats, work: _Work) -> None:
-    """Replace each column x [shape=(samples, outputs)] by R'R x, where ``root`` is R'.
+    """Replace each column x [shape=(samples, outputs)] by R'R x.
 
-    The root may be a part of a matrix.
+    The first rows and columns of ``root`` are R'.
     """
-    work[0], work[1], work[2] = root.shape[0], columns.shape[1], root.strides[0] // 8
+    work[0], work[1], work[2] = columns.shape[0], columns.shape[1], root.shape[1]
     for transposed in (TRANSPOSED, PLAIN):
         DTRMM(
             work[RIGHT],

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from scipy.linalg.lapack import dpotrf
 
 from priorfill.gp.triangular_kernels import (
+    add_square,
     blas_work,
     factor,
     invert,
@@ -30,7 +31,7 @@ def covariance(size: int, seed: int = 0) -> np.ndarray:
 def test_factors_have_the_bits_of_scipy(size: int) -> None:
     matrix = covariance(size)
     expected = dpotrf(matrix, lower=True, clean=True)[0]
-    assert factor(matrix, blas_work())
+    assert factor(matrix, len(matrix), blas_work())
     np.testing.assert_array_equal(np.triu(matrix).T, expected)
 
 
@@ -56,24 +57,37 @@ def test_only_the_upper_triangle_is_used() -> None:
     matrix = covariance(130)
     expected = np.linalg.inv(np.linalg.cholesky(matrix).T)
     matrix[np.tril_indices(130, -1)] = np.nan
-    assert factor(matrix, blas_work())
-    assert invert(matrix, blas_work())
+    assert factor(matrix, len(matrix), blas_work())
+    assert invert(matrix, len(matrix), blas_work())
     np.testing.assert_allclose(np.triu(matrix), expected, atol=1e-10)
     assert np.isnan(matrix[np.tril_indices(130, -1)]).all()
 
 
+def test_a_part_of_a_matrix() -> None:
+    whole = covariance(9)
+    expected = np.linalg.inv(np.linalg.cholesky(whole[:5, :5]).T)
+    assert factor(whole, 5, blas_work())
+    assert invert(whole, 5, blas_work())
+    np.testing.assert_allclose(np.triu(whole[:5, :5]), expected, atol=1e-12)
+    np.testing.assert_array_equal(whole[5:], covariance(9)[5:])
+    rows, total = np.random.default_rng(0).normal(size=(4, 6)), np.zeros((3, 7))
+    add_square(rows, (3, 5), total, blas_work())
+    np.testing.assert_allclose(total[:, :3], np.triu(rows[:3, :5] @ rows[:3, :5].T), atol=1e-12)
+    assert not total[:, 3:].any()
+
+
 def test_matrices_without_a_result() -> None:
-    assert not factor(np.array([[1.0, 2.0], [2.0, 1.0]]), blas_work())
-    assert not invert(np.array([[0.0, 1.0], [0.0, 1.0]]), blas_work())
+    assert not factor(np.array([[1.0, 2.0], [2.0, 1.0]]), 2, blas_work())
+    assert not invert(np.array([[0.0, 1.0], [0.0, 1.0]]), 2, blas_work())
     singular = np.eye(130)
     singular[3, 3] = 0.0
-    assert not invert(singular, blas_work())
+    assert not invert(singular, len(singular), blas_work())
 
 
 def test_the_interpreter_lock_is_released() -> None:
-    factor(covariance(2), blas_work())
+    factor(covariance(2), 2, blas_work())
     matrix, done = covariance(800), []
-    thread = threading.Thread(target=lambda: done.append(factor(matrix, blas_work())))
+    thread = threading.Thread(target=lambda: done.append(factor(matrix, len(matrix), blas_work())))
     interval = sys.getswitchinterval()
     sys.setswitchinterval(10.0)  # the lock is only passed on where a thread gives it up
     try:
