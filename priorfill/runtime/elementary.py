@@ -21,6 +21,17 @@ __all__ = ["bessel_i0", "exp", "hypot", "log", "power", "sin"]
 
 _Floats = NDArray[np.float64]
 
+LOG_COEFFICIENTS = (
+    1.479819860511658591e-01,
+    1.531383769920937332e-01,
+    1.818357216161805012e-01,
+    2.222219843214978396e-01,
+    2.857142874366239149e-01,
+    3.999999999940941908e-01,
+    6.666666666666735130e-01,
+)
+"""Of (ln(1 + f) - f + ...) / s² in s = f / (2 + f), the highest power first."""
+
 SIN_COEFFICIENTS = (
     1.58969099521155010221e-10,
     -2.50507602534068634195e-08,
@@ -80,12 +91,21 @@ def log(values: ArrayLike) -> _Floats:
     >>> log([1.0, 10.0]).round(6).tolist()
     [0.0, 2.302585]
     """
-    from priorfill.runtime.elementary_kernels import logarithms  # numba is slow to import
+    from priorfill.runtime.elementary_kernels import LN2_HIGH, LN2_LOW  # numba is slow to import
 
     given = np.asarray(values, dtype=np.float64)
-    result = np.empty(given.shape)
-    logarithms(np.ascontiguousarray(given).reshape(-1), result.reshape(-1))
-    return result
+    usual = (given > 0.0) & (given < math.inf)
+    mantissa, exponent = np.frexp(np.where(usual, given, 1.0))
+    small = mantissa < math.sqrt(0.5)
+    exponent = exponent - small
+    f = np.where(small, 2.0 * mantissa, mantissa) - 1.0
+    s = f / (2.0 + f)
+    half = 0.5 * f * f
+    series = _polynomial(LOG_COEFFICIENTS, s * s) * (s * s)
+    low = s * (half + series) + exponent * LN2_LOW
+    result = exponent * LN2_HIGH - ((half - low) - f)
+    limit = np.where(given == 0.0, -math.inf, np.where(given == math.inf, math.inf, math.nan))
+    return np.asarray(np.where(usual, result, limit))
 
 
 def hypot(one: ArrayLike, other: ArrayLike) -> _Floats:

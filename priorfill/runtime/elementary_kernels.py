@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from priorfill.runtime.compiled import compiled
 
-__all__ = ["exponentials", "logarithms"]
+__all__ = ["exponentials"]
 
 LEAST, LARGEST = -708.0, 709.0
 """Arguments whose exponential is a normal number."""
@@ -16,20 +16,6 @@ LOG2_E = 1.44269504088896338700
 LN2_HIGH = 6.93147180369123816490e-01
 LN2_LOW = 1.90821492927058770002e-10
 """ln 2 in two parts; the first has 32 bits, so that its product with an exponent is exact."""
-
-L1 = 6.666666666666735130e-01
-L2 = 3.999999999940941908e-01
-L3 = 2.857142874366239149e-01
-L4 = 2.222219843214978396e-01
-L5 = 1.818357216161805012e-01
-L6 = 1.531383769920937332e-01
-L7 = 1.479819860511658591e-01
-"""Of (ln(1 + f) - f + ...) / s² in s = f / (2 + f), the lowest power first."""
-
-SQRT_HALF = 0.7071067811865476
-
-LEAST_NORMAL, RAISE = 2.0**-1022, 54
-"""The least float64 with all its bits, and by how many powers of two smaller ones are raised."""
 
 P1 = 1.66666666666666019037e-01
 P2 = -2.77777777770155933842e-03
@@ -72,31 +58,3 @@ def exponentials(values: NDArray[np.float64], result: NDArray[np.float64]) -> No
         elif x != x:
             y = x
         result[i] = y
-
-
-@compiled()
-def logarithms(values: NDArray[np.float64], result: NDArray[np.float64]) -> None:
-    """Write the natural logarithm of each value (fdlibm's e_log.c)."""
-    for i in range(values.size):
-        x = values[i]
-        if not 0.0 < x < np.inf:
-            result[i] = -np.inf if x == 0.0 else np.inf if x > 0.0 else np.nan
-            continue
-        raised = 0
-        if x < LEAST_NORMAL:
-            x *= 2.0**RAISE
-            raised = RAISE
-        bits = np.float64(x).view(np.int64)
-        exponent = (bits >> MANTISSA) - (BIAS - 1) - raised
-        fraction = (bits & ((1 << MANTISSA) - 1)) | ((BIAS - 1) << MANTISSA)
-        mantissa = np.int64(fraction).view(np.float64)  # 0.5 to 1
-        if mantissa < SQRT_HALF:
-            exponent -= 1
-            mantissa *= 2.0
-        f = mantissa - 1.0
-        s = f / (2.0 + f)
-        z = s * s
-        half = 0.5 * f * f
-        series = ((((((L7 * z + L6) * z + L5) * z + L4) * z + L3) * z + L2) * z + L1) * z
-        low = s * (half + series) + exponent * LN2_LOW
-        result[i] = exponent * LN2_HIGH - ((half - low) - f)
