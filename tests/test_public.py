@@ -1,5 +1,6 @@
 """What users import, and what importing costs."""
 
+import os
 import subprocess
 import sys
 from collections.abc import Callable
@@ -134,6 +135,23 @@ def test_a_command_seldom_looks_for_unused_objects():
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stderr.split() == ["[]", "True"]
+
+
+@pytest.mark.parametrize(("given", "used"), [(None, "1"), ("2", "2")])
+def test_a_command_starts_no_threads_of_blas(given, used):
+    """Its threads would wait actively; a number that the user sets is kept."""
+    code = (
+        "import atexit, os, sys; sys.argv = ['priorfill', 'methods', '--json']\n"
+        "atexit.register(lambda: print(os.environ['OPENBLAS_NUM_THREADS'], file=sys.stderr))\n"
+        "from priorfill.__main__ import start; assert 'numpy' not in sys.modules; start()"
+    )
+    environment = {k: v for k, v in os.environ.items() if k != "OPENBLAS_NUM_THREADS"}
+    if given:
+        environment["OPENBLAS_NUM_THREADS"] = given
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, env=environment
+    )
+    assert done.stderr.split() == [used]
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows interrupts all processes of a console")

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 __all__ = ["CLI", "Cost", "run"]
 
-CLI = (sys.executable, "-c", "from priorfill.cli import main; main()")
+CLI = (sys.executable, "-c", "from priorfill.__main__ import start; start()")
 """Command line of the priorfill that this Python imports."""
 
 DONE = (0, 3)
