@@ -63,12 +63,11 @@ class SharedCovariances:
         order = np.argsort(train.time[held_out], kind="stable")
         pairs = train.pairs(train)
         factors = tuple(dict.fromkeys(model.process.factor for model in models))
-        some = tuple(kernel for kernel in factors if isinstance(pairs.value(kernel), np.ndarray))
         added = tuple(dict.fromkeys(model.process.of_time for model in models))
         simulated = [gap.rows for gap in problem.simulated_gaps]
         offset = problem.offset_variance
-        both = _matrices(pairs, some), _matrices(pairs, added, offset)
-        return cls(blocks, held_out[order], order, simulated, both, problem, some, added)
+        both = _matrices(pairs, factors), _matrices(pairs, added, offset)
+        return cls(blocks, held_out[order], order, simulated, both, problem, factors, added)
 
     def with_query(self, query: PoseSamples) -> tuple[_Floats, _Floats]:
         """Return the same as `train` of queries with the training poses."""
@@ -77,10 +76,8 @@ class SharedCovariances:
         return _matrices(pairs, self._factors), _matrices(pairs, self._added, offset)
 
     def places(self, process: PoseProcess) -> tuple[int, int]:
-        """Return the numbers of a process's factor, -1 if it has none, and of what it adds."""
-        known = process.factor in self._factors
-        factor = self._factors.index(process.factor) if known else -1
-        return factor, self._added.index(process.of_time)
+        """Return the numbers of a process's factor and of what it adds."""
+        return self._factors.index(process.factor), self._added.index(process.of_time)
 
     def added_variance(self, process: PoseProcess) -> float:
         """Return the variance of what a process adds to the covariance of poses."""
@@ -286,7 +283,7 @@ class _Processes:
 
         _, one, other = features[0].shape
         result = np.empty((len(self.terms), one, other))
-        models, work = (self.terms, self.places), (np.empty((one, other)), np.empty(other))
+        models, work = (self.terms, self.places), (np.zeros((one, other)), np.empty(other))
         covariances(features, shared, models, upper, work, result)
         return result
 
@@ -444,7 +441,7 @@ def _fit(
     longest = max(map(len, blocks))
     work = np.empty((longest, poses)), np.empty((longest, longest)), blas_work()
     roots = processes.covariances((*features, features[1]), shared.train, upper=True)
-    weights = np.empty((models, poses, outputs))
+    weights = np.repeat(targets[None], models, axis=0)
     residuals, variance = (
         np.empty((models, len(samples), outputs)),
         np.empty((models, len(samples))),
@@ -452,7 +449,7 @@ def _fit(
     fitted, tried = 0, iter(JITTER)
     while True:
         done, left = fitted, (residuals, variance)
-        fitted = fit_models(done, targets, (samples, edges), work, (roots, weights), left)
+        fitted = fit_models(done, (samples, edges), work, (roots, weights), left)
         if fitted == models:
             break
         tried = iter(JITTER) if fitted > done else tried

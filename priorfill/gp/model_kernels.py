@@ -6,7 +6,7 @@ by one, the calls would take longer than the matrices, and threads would wait fo
 
 A tuple of arrays is passed where they describe one thing. Terms of a model are its linear and its
 squared exponential variance, minus half of the inverse squared length scale, and its noise
-variance; its places are the numbers of its features, its factor (-1: none), and what is added.
+variance; its places are the numbers of its features, its factor, and what is added.
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ def covariances(
     upper : bool
         For the training poses themselves: the upper triangle alone, with noise, and zeros below.
     work : tuple of ndarray [shapes=(a, b), (b,)]
-        Overwritten.
+        Overwritten; finite.
     result : ndarray [shape=(models, a, b)]
         Written.
     """
@@ -90,22 +90,15 @@ def covariances(
             computed, exponent = own, terms[model, EXPONENT]
             norms = features[1][own], features[2][own]
             _similarities(product, norms, exponent, upper, line, similarity)
-        added, place = shared[1][places[model, ADDED]], places[model, FACTOR]
+        by, added = shared[0][places[model, FACTOR]], shared[1][places[model, ADDED]]
         covariance = result[model]
         for i in range(len(product)):
             first = i if upper else 0
             for j in range(first):
                 covariance[i, j] = 0.0
             for j in range(first, count):
-                covariance[i, j] = 1.0 + linear * product[i, j]
-            if rbf > 0.0:
-                for j in range(first, count):
-                    covariance[i, j] += rbf * similarity[i, j]
-            if place >= 0:
-                for j in range(first, count):
-                    covariance[i, j] *= shared[0][place, i, j]
-            for j in range(first, count):
-                covariance[i, j] += added[i, j]
+                of_poses = 1.0 + linear * product[i, j] + rbf * similarity[i, j]
+                covariance[i, j] = of_poses * by[i, j] + added[i, j]
             if upper:
                 covariance[i, i] += terms[model, NOISE]
 
@@ -127,7 +120,6 @@ def _squared_norm(x: _Floats) -> float:
 @compiled()
 def fit_models(
     start: int,
-    targets: _Floats,
     blocks: tuple[_Indices, _Indices],
     work: tuple[_Floats, _Floats, _Work],
     fitted: tuple[_Floats, _Floats],
@@ -139,15 +131,13 @@ def fit_models(
     ----------
     start : int
         The first model to be fitted.
-    targets : ndarray [shape=(poses, outputs)]
-        Centred.
     blocks : tuple of ndarray of int
         The poses of each block, one block after the other, and where each starts, and the end.
     work : tuple of ndarray
         Of `hold_out_blocks`; overwritten.
     fitted : tuple of ndarray [shapes=(models, poses, poses), (models, poses, outputs)]
-        The upper triangles of the covariances, which are replaced by R', where R'R is the inverse
-        covariance; and, written, this inverse times the targets.
+        The upper triangles of the covariances and the targets, which are replaced by R', where R'R
+        is the inverse covariance, and this inverse times the targets.
     left_out : tuple of ndarray [shapes=(models, held-out poses, outputs), (models, held-out poses)]
         Written: residuals and variances, as of `hold_out_blocks`.
 
@@ -157,14 +147,11 @@ def fit_models(
         The first model whose covariance is not positive definite, or their number.
     """
     blas = work[2]
-    nothing = targets[:, :0]
+    nothing = fitted[1][0][:, :0]
     for model in range(start, len(fitted[0])):
         root, weights = fitted[0][model], fitted[1][model]
         if not (factor(root, len(root), blas) and invert(root, len(root), blas)):
             return model
-        for i in range(targets.shape[0]):
-            for o in range(targets.shape[1]):
-                weights[i, o] = targets[i, o]
         whiten_twice(root, weights, blas)
         hold_out_blocks(
             root,

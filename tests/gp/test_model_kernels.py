@@ -42,10 +42,9 @@ def positive(rng: np.random.Generator, size: int) -> np.ndarray:
     queries=st.integers(1, 8),
     outputs=st.integers(1, 4),
     simulated=st.booleans(),
-    no_factor=st.booleans(),
 )
 def test_models_are_single_processes(
-    seed: int, poses: int, queries: int, outputs: int, simulated: bool, no_factor: bool
+    seed: int, poses: int, queries: int, outputs: int, simulated: bool
 ) -> None:
     rng = np.random.default_rng(seed)
     queries += poses  # so that the sets differ in size
@@ -61,8 +60,7 @@ def test_models_are_single_processes(
         ],
         axis=1,
     )
-    factors = rng.integers(-1 if no_factor else 0, 2, models)
-    places = np.stack([rng.integers(0, lags, models), factors, rng.integers(0, 2, models)], axis=1)
+    places = np.stack([rng.integers(0, n, models) for n in (lags, 2, 2)], axis=1)
     factor, added = (np.stack([positive(rng, poses) for _ in range(2)]) for _ in range(2))
     factor_of_query, added_to_query = rng.normal(size=(2, 2, queries, poses))
     targets = rng.normal(size=(poses, outputs))
@@ -70,17 +68,16 @@ def test_models_are_single_processes(
     blocks = [b for b in np.split(rng.permutation(poses), edges) if len(b)][1:]
     gaps = [np.sort(rng.permutation(poses)[:3])] if simulated else []
 
-    roots, weights = np.empty((models, poses, poses)), np.empty((models, poses, outputs))
+    roots, weights = np.empty((models, poses, poses)), np.repeat(targets[None], models, axis=0)
     held_out = [*blocks, *gaps]
     count, longest = sum(map(len, held_out)), max(map(len, held_out))
     residuals, variance = np.empty((models, count, outputs)), np.empty((models, count))
     blas = blas_work()
     features = known @ np.swapaxes(known, 1, 2), square(known), square(known)
-    work = np.empty((poses, poses)), np.empty(poses)
+    work = np.zeros((poses, poses)), np.empty(poses)
     covariances(features, (factor, added), (terms, places), 1, work, roots)
     fitted = fit_models(
         0,
-        targets,
         joined_blocks(held_out),
         (np.empty((longest, poses)), np.empty((longest, longest)), blas),
         (roots, weights),
@@ -90,15 +87,14 @@ def test_models_are_single_processes(
     mean, explained = np.empty((models, queries, outputs)), np.empty((models, queries))
     crossed = np.empty((models, queries, poses))
     features = asked @ np.swapaxes(known, 1, 2), square(asked), square(known)
-    work = np.empty((queries, poses)), np.empty(poses)
+    work = np.zeros((queries, poses)), np.empty(poses)
     covariances(features, (factor_of_query, added_to_query), (terms, places), 0, work, crossed)
     predict_models(crossed, (roots, weights), blas, mean, explained)
 
     for model, (lag, by, plus) in enumerate(places):
         linear, rbf, exponent, noise = terms[model]
         kernel = Constant() + linear * Linear() + rbf * RBF(np.sqrt(-0.5 / exponent))
-        if by >= 0:
-            kernel *= Given({poses: factor[by], queries: factor_of_query[by]})
+        kernel *= Given({poses: factor[by], queries: factor_of_query[by]})
         kernel += Given({poses: added[plus], queries: added_to_query[plus]})
         train = Pairs.of_features(known[lag], known[lag])
         single = GaussianProcess(kernel, noise).fit(train, targets)
@@ -119,13 +115,13 @@ def test_models_are_single_processes(
 
 
 def test_the_first_model_that_cannot_be_fitted() -> None:
-    roots, weights = np.stack([np.eye(3), np.ones((3, 3)), np.eye(3)]), np.empty((3, 3, 1))
+    roots, weights = np.stack([np.eye(3), np.ones((3, 3)), np.eye(3)]), np.ones((3, 3, 1))
     work = np.empty((1, 3)), np.empty((1, 1)), blas_work()
     left = np.empty((3, 1, 1)), np.empty((3, 1))
 
     def fit(start: int) -> int:
         blocks = joined_blocks([np.array([1])])
-        return fit_models(start, np.ones((3, 1)), blocks, work, (roots, weights), left)
+        return fit_models(start, blocks, work, (roots, weights), left)
 
     assert fit(0) == 1
     roots[1] = 2.0 * np.eye(3)
