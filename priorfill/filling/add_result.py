@@ -107,7 +107,7 @@ def add_result(
     >>> added.record.name, added.record.filled_by
     ('synthetic_demo', 'linear')
     """
-    from priorfill.database import PriorDatabase
+    from priorfill.database import PriorDatabase  # few fills need it
 
     if not isinstance(database, PriorDatabase):
         check_path("database", database)
@@ -142,6 +142,8 @@ def add_subject(
     reading : mapping of str to object, optional
         How the original file was read.
     """
+    from priorfill.database import PriorDatabase  # few fills need it
+
     clip, source = result.clip, result.clip.source
     if file is not None:
         options = dict(reading or {})
@@ -155,8 +157,6 @@ def add_subject(
     interpolated = None if source is None else source.interpolated
     filled = result.filled if interpolated is None else np.logical_or(result.filled, interpolated)
     subject = result.clip.subject
-    from priorfill.database import PriorDatabase
-
     with PriorDatabase.open_or_create(database) as opened:
         try:
             if not result.filled.any():  # nothing to accept, but a recording to learn from

@@ -166,7 +166,7 @@ def fill(
     others = assign_same_subject(clips, same_subject)
     with ExitStack() as stack:
         if isinstance(database, (str, Path)):
-            from priorfill.database import PriorDatabase
+            from priorfill.database import PriorDatabase  # few fills need it
 
             database = stack.enter_context(
                 PriorDatabase.open(database, state=settings.options.database_state)

@@ -90,14 +90,14 @@ def _write_uncertainty(path: Path, filled: WhatWasFilled) -> Iterator[tuple[Path
 
 
 def _check_report(path: Path, source: Path, files: FileOptions) -> None:
-    from priorfill.report.report_file import check_report
+    from priorfill.report.report_file import check_report  # few fills need it
 
     check_report(path, sources=(source,), overwrite=files.overwrite)
 
 
 @contextmanager
 def _write_report(path: Path, filled: WhatWasFilled) -> Iterator[tuple[Path, ...]]:
-    from priorfill.report.report_data import PageContents
+    from priorfill.report.report_data import PageContents  # few fills need it
     from priorfill.report.report_file import report_file
 
     contents = PageContents(before=filled.clips)
@@ -106,13 +106,13 @@ def _write_report(path: Path, filled: WhatWasFilled) -> Iterator[tuple[Path, ...
 
 
 def _check_plot(path: Path, source: Path, files: FileOptions) -> None:
-    from priorfill.report.plots import check_plot
+    from priorfill.report.plots import check_plot  # few fills need it
 
     check_plot(path, gaps=files.plot_gaps, source=source, overwrite=files.overwrite)
 
 
 def _write_plot(path: Path, filled: WhatWasFilled) -> AbstractContextManager[tuple[Path, ...]]:
-    from priorfill.report.plots import plot_files
+    from priorfill.report.plots import plot_files  # few fills need it
 
     files = filled.files
     return plot_files(path, filled.result, gaps=files.plot_gaps, overwrite=files.overwrite)

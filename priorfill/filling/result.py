@@ -263,7 +263,7 @@ class Result:
         >>> result = pf.fill(make_demo_clip()[1], method="linear")
         >>> result.plot("LKNE").savefig("LKNE.png")  # doctest: +SKIP
         """
-        from priorfill.report.plots import plot_result
+        from priorfill.report.plots import plot_result  # few fills need it
 
         return plot_result(self, marker, frames=frames, gaps=gaps, truth=truth)
 
