@@ -92,11 +92,6 @@ class Kernel(ABC):
         """
         return 1.0
 
-    def precompute(self, pairs: Pairs) -> None:
-        """Let pairs remember the parts of this kernel that do not depend on features."""
-        if not self.uses_features:
-            pairs.value(self)
-
     def __add__(self, other: Kernel) -> Sum:
         return Sum(self, other)
 
@@ -118,14 +113,6 @@ class _Combination(Kernel):
     def uses_features(self) -> bool:  # type: ignore[override]
         """Whether one of them does."""
         return self.left.uses_features or self.right.uses_features
-
-    def precompute(self, pairs: Pairs) -> None:
-        """See `Kernel.precompute`."""
-        if self.uses_features:
-            self.left.precompute(pairs)
-            self.right.precompute(pairs)
-        else:
-            pairs.value(self)
 
 
 @dataclass(frozen=True)
@@ -192,13 +179,6 @@ class Scaled(Kernel):
     def variance(self, pairs: Pairs) -> _Value:
         """Return the scaled variance."""
         return self.factor * self.kernel.variance(pairs)
-
-    def precompute(self, pairs: Pairs) -> None:
-        """See `Kernel.precompute`."""
-        if self.uses_features:
-            self.kernel.precompute(pairs)
-        else:
-            pairs.value(self)
 
 
 @dataclass(frozen=True)

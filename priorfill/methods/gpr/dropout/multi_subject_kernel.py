@@ -113,10 +113,6 @@ class MultiSubjectKernel(Kernel):
         """Return the variance of each pose of the first set [shape=(a,)]."""
         return self.composed.variance(pairs)
 
-    def precompute(self, pairs: Pairs) -> None:
-        """See `Kernel.precompute`."""
-        self.composed.precompute(pairs)
-
 
 def subject_pairs(
     shapes: NDArray[np.float64],
