@@ -99,8 +99,8 @@ class FillOptions:
         check_type("extrapolate", self.extrapolate, seconds, "seconds, or frames as '10f'")
         sets = (MarkerSet, type(None))
         check_type("marker_set", self.marker_set, sets, "a MarkerSet, as that of a Result")
-        limits = self.plausibility
-        check_type("plausibility", limits, PlausibilityOptions, "PlausibilityOptions")
+        kind = PlausibilityOptions
+        check_type("plausibility", self.plausibility, kind, kind.__name__)
         check_type("cache", self.cache, (FillCache, type(None)), "a FillCache, or None")
         if self.max_error is not None:
             check_number("max_error", self.max_error)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from priorfill.geometry.root_frames import RootFrames
 from priorfill.gp.features import Alignment, LagFeature, MarkerWeights
 from priorfill.gp.kernels import Kernel, Pairs, SameSubject
-from priorfill.gp.linalg import JITTER, joined_blocks, solve_indefinite_blocks
+from priorfill.gp.linalg import joined_blocks, positive_definite, solve_indefinite_blocks
 from priorfill.gp.pose_process import PoseProcess
 from priorfill.gp.problem import GPModel, PoseSamples, RegressionProblem
 
@@ -245,7 +245,7 @@ class _AlignedFeatures:
 class _Processes:
     """Models of one alignment as `priorfill.gp.model_kernels` has them, fitted or to be fitted."""
 
-    terms: _Floats  # (models, TERMS)
+    terms: _Floats  # (models, 4)
     places: NDArray[np.intp]  # (models, 3)
     added_variance: _Floats  # (models,)
     lags: tuple[LagFeature | None, ...]
@@ -353,7 +353,7 @@ class FittedModels:
         roots, weights, residuals, variance = _fit(processes, (products, norms), targets, shared)
         samples = np.concatenate([shared.held_out, *shared.simulated])
         residuals = _upright(residuals, aligned.frames.rotation[samples])
-        held_out, simulated = np.split(np.arange(len(samples)), [len(shared.held_out)])
+        held_out, simulated = slice(len(shared.held_out)), slice(len(shared.held_out), None)
         # the scale of the covariance of each target, by cross-validation [RW06, section 5.4.2]
         square = (residuals[:, held_out] ** 2).sum(axis=3)
         units = (square / variance[:, held_out, None]).mean(axis=1)
@@ -402,8 +402,7 @@ class FittedModels:
         models, targets = self._units.shape
         mean = np.empty((models, len(query.time), 3 * targets))
         explained = np.empty(mean.shape[:2])
-        blas = blas_work()
-        predict_models(cross, (self._roots, self._weights), blas, mean, explained)
+        predict_models(cross, (self._roots, self._weights), blas_work(), mean, explained)
         noise = processes.terms[:, -1:]
         variance = np.maximum(processes.prior_variance(norms) - explained, noise)
         mean += self._centre
@@ -440,26 +439,19 @@ def _fit(
     samples, edges = joined_blocks(blocks)
     longest = max(map(len, blocks))
     work = np.empty((longest, poses)), np.empty((longest, longest)), blas_work()
-    roots = processes.covariances((*features, features[1]), shared.train, upper=True)
+    known = (*features, features[1])
+    roots = processes.covariances(known, shared.train, upper=True)
     weights = np.repeat(targets[None], models, axis=0)
     residuals, variance = (
         np.empty((models, len(samples), outputs)),
         np.empty((models, len(samples))),
     )
-    fitted, tried = 0, iter(JITTER)
-    while True:
-        done, left = fitted, (residuals, variance)
-        fitted = fit_models(done, (samples, edges), work, (roots, weights), left)
-        if fitted == models:
-            break
-        tried = iter(JITTER) if fitted > done else tried
-        jitter = next(tried, None)
-        if jitter is None:
-            raise np.linalg.LinAlgError("a covariance matrix is not positive definite")
-        again = processes.one(fitted).covariances(
-            (*features, features[1]), shared.train, upper=True
-        )
-        roots[fitted] = again[0] + jitter * np.trace(again[0]) / poses * np.eye(poses)
+    rest = (samples, edges), work, (roots, weights), (residuals, variance)
+    fitted = fit_models(0, *rest)
+    while fitted < models:
+        again = processes.one(fitted).covariances(known, shared.train, upper=True)
+        roots[fitted] = positive_definite(again[0])
+        fitted = fit_models(fitted, *rest)
     for k in np.flatnonzero(np.isnan(variance).any(axis=1)):
         solve_indefinite_blocks(roots[k], weights[k], blocks, None, residuals[k], variance[k])
     order = np.concatenate([shared.order, np.arange(len(shared.order), len(samples))])

@@ -20,6 +20,7 @@ __all__ = [
     "explained_variance",
     "inverse_root",
     "joined_blocks",
+    "positive_definite",
     "power_weights",
     "solve_blocks",
     "solve_indefinite_blocks",
@@ -113,19 +114,43 @@ def inverse_root(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
     array([[0.25, 0.  ],
            [0.  , 0.04]])
     """
-    from priorfill.gp.triangular_kernels import (
-        blas_work,
-        factor,
-        invert,
-    )  # llvmlite is slow to import
+    # llvmlite is slow to import
+    from priorfill.gp.triangular_kernels import blas_work, factor, invert
 
     blas = blas_work()
+    upper = np.array(covariance, dtype=np.float64, order="C")
+    if not factor(upper, len(upper), blas):
+        upper = positive_definite(covariance)
+        factor(upper, len(upper), blas)
+    invert(upper, len(upper), blas)
+    return np.triu(upper).T
+
+
+def positive_definite(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return a covariance matrix with the least `JITTER` that makes it positive definite.
+
+    Parameters
+    ----------
+    covariance : ndarray [shape=(samples, samples)]
+        Its upper triangle suffices.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        Where the largest jitter is not enough.
+
+    Examples
+    --------
+    >>> float(positive_definite(np.ones((2, 2)))[0, 0]) > 1.0
+    True
+    """
+    from priorfill.gp.triangular_kernels import blas_work, factor  # llvmlite is slow to import
+
     mean = np.trace(covariance) / max(len(covariance), 1)
-    for jitter in (0.0, *JITTER):
-        upper = np.array(covariance, dtype=np.float64, order="C")
-        np.einsum("ii->i", upper)[:] += jitter * mean
-        if factor(upper, len(upper), blas) and invert(upper, len(upper), blas):
-            return np.triu(upper).T
+    for jitter in JITTER:
+        larger: NDArray[np.float64] = covariance + jitter * mean * np.eye(len(covariance))
+        if factor(larger.copy(), len(larger), blas_work()):
+            return larger
     raise np.linalg.LinAlgError("a covariance matrix is not positive definite")
 
 

@@ -19,7 +19,7 @@ from priorfill.gp.triangular_kernels import factor, invert, multiply, whiten, wh
 from priorfill.runtime.compiled import compiled
 from priorfill.runtime.elementary_kernels import exponentials
 
-__all__ = ["NOISE", "covariances", "fit_models", "predict_models"]
+__all__ = ["covariances", "fit_models", "predict_models"]
 
 _Floats = NDArray[np.float64]
 _Indices = NDArray[np.intp]

@@ -321,6 +321,21 @@ def test_the_variance_of_an_ensemble_includes_the_disagreement_of_its_models():
     np.testing.assert_allclose(ensemble.predicted_rms, np.sqrt(square.mean(axis=0)))
 
 
+def test_jitter_where_the_covariance_of_a_model_is_singular(monkeypatch):
+    """A clip without movement, and a model without noise, between two others."""
+    poses, time = rigid_clip(0)
+    poses[:] = poses[0]
+    rows, query = split(poses, time, np.arange(40, 60))
+    problem = RegressionProblem(rows, query, np.full(4, 80.0), np.full(4, 2.0))
+    singular = replace(PROCESS, of_time=0.0 * Exponential(0.1), noise_variance=0.0)
+    models = [GPModel(ALIGNMENT, None, process) for process in (PROCESS, singular, PROCESS)]
+    found = regress([problem], models, 0.2).positions
+    np.testing.assert_allclose(found, poses[40:60, :1], atol=1e-6)
+    monkeypatch.setattr("priorfill.gp.linalg.JITTER", ())
+    with pytest.raises(np.linalg.LinAlgError, match="positive definite"):
+        regress([problem], models, 0.2)
+
+
 def test_velocities_are_predicted_only_if_all_problems_have_them():
     poses, time = rigid_clip(5, noise=1.0)
     rows, query = split(poses, time, np.arange(40, 60))
